@@ -1,0 +1,72 @@
+#pragma once
+// Everything about one machine that turns pixels, stamps and encoder readings into the scanner frame; each number with
+// its standard uncertainty. File grammar: CALIBRATION.md.
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+namespace celadon {
+
+/// A number and its standard uncertainty (same unit).
+struct Measured {
+  double value = 0, u = 0;
+  bool operator==(const Measured&) const = default;
+};
+
+/// Pinhole with Brown-Conrady distortion (OpenCV's order k1 k2 p1 p2 k3). Pixel centres at whole numbers.
+struct CameraModel {
+  int width_px = 0, height_px = 0;
+  Measured fx_px, fy_px, cx_px, cy_px;
+  std::array<Measured, 5> distortion;
+};
+
+/// Laser plane in the camera frame: normal . p = distance, |normal| = 1.
+struct LaserPlane {
+  int laser = 0;
+  Eigen::Vector3d normal_C = Eigen::Vector3d::UnitX();
+  double distance_mm = 0;
+  double u_normal_rad = 0, u_distance_mm = 0;
+};
+
+/// Pose of the scanner frame (z = rotary axis, origin on the platter) in the camera frame: p_C = X_CW p_W at table angle 0.
+struct AxisPose {
+  Eigen::Isometry3d X_CW = Eigen::Isometry3d::Identity();
+  double u_direction_rad = 0, u_position_mm = 0;
+};
+
+/// instant(row) = stamp + stamp_offset + exposure_factor * exposure + row * line_time, in ns of the host clock.
+struct TimeModel {
+  Measured stamp_offset_ns, exposure_factor, line_time_ns;
+};
+
+struct Calibration {
+  std::string machine;         ///< identity of the controller this belongs to
+  std::string camera;          ///< CameraMode::identity
+  std::string date;            ///< ISO 8601, UTC
+  bool simulated = false;
+  CameraModel camera_model;
+  std::vector<LaserPlane> lasers;
+  AxisPose axis;
+  Measured encoder_scale{1, 0};   ///< true angle / encoder angle
+  double direction = 1;           ///< +1: table turns counter-clockwise seen from above for rising encoder angles
+  Measured scale{1, 0.003};       ///< true length / model length
+  double systematic_mm = 0;       ///< systematic uncertainty of a radius: form tolerance of the model selection
+  TimeModel time;
+};
+
+struct CalibrationError { std::string message; };   ///< names file, line or field, value and remedy
+
+tl::expected<Calibration, CalibrationError> read_calibration(const std::filesystem::path& file);
+tl::expected<Calibration, CalibrationError> parse_calibration(const std::string& text, const std::string& name);
+std::string format_calibration(const Calibration& calibration);
+/// Refuses a calibration of another machine, camera or image size, naming both values.
+tl::expected<void, CalibrationError> check_calibration(const Calibration& calibration, const std::string& machine,
+                                                       const std::string& camera, int width_px, int height_px);
+
+}  // namespace celadon

@@ -1,0 +1,118 @@
+#pragma once
+// Frames as move-only leases on the driver's buffer, and the sources they come from.
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+
+#include <tl/expected.hpp>
+
+namespace celadon {
+
+enum class PixelFormat : std::uint32_t { grey8 = 1, yuyv = 2 };
+const char* to_string(PixelFormat format);
+inline std::size_t bytes_per_pixel(PixelFormat format) { return format == PixelFormat::grey8 ? 1 : 2; }
+
+enum class Shutter : std::uint32_t { global = 0, rolling = 1 };
+
+/// What the camera delivers and cannot change during a stream.
+struct CameraMode {
+  int width_px = 0, height_px = 0;
+  std::size_t stride_bytes = 0;
+  PixelFormat format = PixelFormat::grey8;
+  Shutter shutter = Shutter::global;
+  std::int64_t frame_period_ns = 0;
+  std::int64_t exposure_ns = 0;
+  std::string identity;     ///< name and serial number, as calibration files quote it
+  bool simulated = false;
+  bool operator==(const CameraMode&) const = default;
+};
+
+/// What is known of one frame.
+struct FrameInfo {
+  std::uint64_t sequence = 0;        ///< of the driver; a gap means lost frames
+  std::int64_t stamp_ns = 0;         ///< of the driver, host clock; the time model of the calibration says what it means
+  std::int64_t exposure_ns = 0;      ///< in force for this frame
+  std::uint32_t lost_before = 0;     ///< frames lost between the previous one and this one
+  bool corrupt = false;              ///< the driver flagged an error in the buffer
+  double table_angle_rad = 0;        ///< replay only: angle recorded with the frame
+  bool has_table_angle = false;
+  bool laser_on = true;              ///< replay only: recorded with the frame
+};
+
+/// A device or system fault of a camera: one sentence with operation, device, cause, errno and the remedy.
+struct CameraError {
+  enum class Kind { not_found, permission, busy, unplugged, timed_out, unsupported, protocol, system, end_of_stream };
+  Kind kind = Kind::system;
+  int errno_value = 0;
+  std::string message;
+};
+
+/// Takes a buffer back. Implemented by sources.
+class FrameReturn {
+ public:
+  virtual ~FrameReturn() = default;
+  virtual void give_back(std::uint32_t buffer) noexcept = 0;
+};
+
+/// A lease on one buffer of the driver: move-only, destroying it requeues the buffer. Must not outlive its source.
+class Frame {
+ public:
+  Frame() = default;
+  Frame(FrameReturn* owner, std::uint32_t buffer, std::span<const std::uint8_t> bytes, const FrameInfo& frame_info)
+      : info(frame_info), owner_(owner), buffer_(buffer), bytes_(bytes) {}
+  Frame(Frame&& other) noexcept
+      : info(other.info), owner_(std::exchange(other.owner_, nullptr)), buffer_(other.buffer_),
+        bytes_(std::exchange(other.bytes_, {})) {}
+  Frame& operator=(Frame&& other) noexcept {
+    if (this != &other) {
+      release();
+      info = other.info;
+      owner_ = std::exchange(other.owner_, nullptr);
+      buffer_ = other.buffer_;
+      bytes_ = std::exchange(other.bytes_, {});
+    }
+    return *this;
+  }
+  Frame(const Frame&) = delete;
+  Frame& operator=(const Frame&) = delete;
+  ~Frame() { release(); }
+
+  std::span<const std::uint8_t> bytes() const { return bytes_; }
+  explicit operator bool() const { return owner_ != nullptr; }
+  void release() noexcept {
+    if (owner_ != nullptr) std::exchange(owner_, nullptr)->give_back(buffer_);
+    bytes_ = {};
+  }
+
+  FrameInfo info;
+
+ private:
+  FrameReturn* owner_ = nullptr;
+  std::uint32_t buffer_ = 0;
+  std::span<const std::uint8_t> bytes_;
+};
+
+/// Where frames come from: V4L2 device, virtual scanner, recorded folder. Used from one thread.
+class FrameSource {
+ public:
+  virtual ~FrameSource() = default;
+  virtual const CameraMode& mode() const = 0;
+  virtual tl::expected<void, CameraError> start() = 0;
+  /// Stops the stream and releases the device's buffers; every lease must be gone. Also done by the destructor.
+  virtual void stop() noexcept = 0;
+  /// The oldest frame not yet taken, waiting at most timeout_ns of the host clock; Kind::timed_out after that (the
+  /// dequeue watchdog), Kind::end_of_stream after the last recorded one.
+  virtual tl::expected<Frame, CameraError> next(std::int64_t timeout_ns) = 0;
+  /// Exposure time for the frames to come; the value in force is returned.
+  virtual tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) = 0;
+};
+
+/// Opens "v4l2:/dev/video0[?width=..&height=..&format=GREY|YUYV]", "sim:FOLDER" (of celadon-sim --socket-dir) or
+/// "replay:FOLDER".
+tl::expected<std::unique_ptr<FrameSource>, CameraError> open_frame_source(const std::string& url);
+
+}  // namespace celadon

@@ -1,0 +1,24 @@
+include(GoogleTest)
+
+# celadon_library(NAME SOURCES ... [PUBLIC targets] [PRIVATE targets]) makes libceladon_NAME, known as celadon::NAME.
+function(celadon_library name)
+  cmake_parse_arguments(arg "" "" "SOURCES;PUBLIC;PRIVATE" ${ARGN})
+  add_library(celadon_${name} STATIC ${arg_SOURCES})
+  add_library(celadon::${name} ALIAS celadon_${name})
+  target_include_directories(celadon_${name} PUBLIC $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}>)
+  target_link_libraries(celadon_${name} PUBLIC ${arg_PUBLIC} PRIVATE ${arg_PRIVATE})
+endfunction()
+
+# celadon_test(NAME SOURCES ... LINK ... [LABELS ...]) makes a GoogleTest program and registers each of its tests.
+function(celadon_test name)
+  cmake_parse_arguments(arg "" "TIMEOUT" "SOURCES;LINK;LABELS" ${ARGN})
+  if(NOT arg_TIMEOUT)
+    set(arg_TIMEOUT 300)
+  endif()
+  add_executable(${name} ${arg_SOURCES})
+  target_include_directories(${name} PRIVATE "${PROJECT_SOURCE_DIR}")
+  target_link_libraries(${name} PRIVATE ${arg_LINK} GTest::gtest GTest::gmock GTest::gtest_main)
+  target_compile_definitions(${name} PRIVATE CELADON_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}"
+                             CELADON_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  gtest_discover_tests(${name} DISCOVERY_MODE PRE_TEST PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${arg_LABELS}")
+endfunction()

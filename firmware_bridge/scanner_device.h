@@ -1,0 +1,101 @@
+#pragma once
+// The scanner as its owner sees it: motion, laser lease, button, lamp, one way to make it safe. The controller enforces
+// what matters (PROTOCOL.md); illegal calls for the state are refused here before they reach it.
+
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "firmware_bridge/clock.h"
+#include "firmware_bridge/device_error.h"
+#include "firmware_bridge/transport.h"
+
+namespace celadon {
+
+struct DeviceIdentity {
+  std::string machine;                 ///< vendor, model and serial number as one text; calibration files quote it
+  std::uint16_t protocol_major = 0, protocol_minor = 0, firmware_version = 0;
+  bool simulated = false;
+};
+
+struct DeviceCapabilities {
+  int axes = 1, lasers = 1;
+  bool endless_rotation = true;
+  double travel_rad = 0, encoder_resolution_rad = 0, max_speed_rad_per_s = 0, max_acceleration_rad_per_s2 = 0;
+  int laser_class = 2;                 ///< 1, 2, 3 (3R), 4 (3B) as printed in PROTOCOL.md; read-only identity
+  std::int64_t lease_ms = 500;         ///< longest laser lease the controller grants
+  bool host_watchdog = true;
+};
+
+enum class MotionState : std::uint16_t { unhomed = 0, homing = 1, standstill = 2, moving = 3, settling = 4, stopped = 5, fault = 6 };
+enum class LampPattern : std::uint16_t { off = 0, ready = 1, busy = 2, done = 3, attention = 4, fault = 5, warning = 6 };
+
+/// Everything one poll (one block read) brings.
+struct DeviceStatus {
+  MotionState motion = MotionState::unhomed;
+  double angle_rad = 0;                ///< actual, unwrapped
+  double target_rad = 0;
+  double speed_rad_per_s = 0;
+  std::uint32_t position_counter = 0;
+  std::uint64_t position_time_us = 0;  ///< controller's clock, of the position sample
+  bool interlock_closed = false, emergency_stop = false;
+  std::uint16_t lasers_on = 0;         ///< bit per laser, as measured by the controller
+  std::uint32_t lease_left_ms = 0;
+  bool button_down = false;
+  std::uint16_t button_presses = 0;    ///< latched counter, wraps
+  std::uint16_t fault_code = 0;
+  std::string fault_text;              ///< meaning of fault_code
+  std::int64_t host_before_ns = 0, host_after_ns = 0;   ///< around the exchange
+};
+
+/// What make_safe found and left.
+struct SafeReport {
+  std::uint16_t lasers_were_on = 0;
+  MotionState motion_was = MotionState::unhomed;
+  bool lasers_off = false, motor_stopped = false;
+  std::string text;                    ///< one sentence
+};
+
+class ScannerDevice {
+ public:
+  /// Connects, checks identity and protocol version, makes safe first.
+  static tl::expected<std::unique_ptr<ScannerDevice>, DeviceError> open(std::unique_ptr<Transport> transport, Clock& clock);
+  ~ScannerDevice();   ///< makes safe
+
+  const DeviceIdentity& identity() const;
+  const DeviceCapabilities& capabilities() const;
+  const SafeReport& found_at_open() const;
+
+  /// One block read; also the heartbeat. Retries are bounded; a lost link is reported as such.
+  tl::expected<DeviceStatus, DeviceError> poll();
+  /// Presses since the last call: none is lost between polls or across reconnects.
+  std::uint16_t take_button_presses();
+
+  /// Finds the index; returns at standstill. Polls while waiting.
+  tl::expected<void, DeviceError> home();
+  /// Absolute move by the short or given way (angles unwrapped); returns settled. Refused unless homed and standing.
+  tl::expected<DeviceStatus, DeviceError> rotate_to(double angle_rad, double speed_rad_per_s);
+  /// Starts a constant-speed move to angle_rad and returns once it moves; poll() follows it.
+  tl::expected<void, DeviceError> start_sweep(double angle_rad, double speed_rad_per_s);
+  /// Stops the motor with its deceleration; returns at standstill.
+  tl::expected<void, DeviceError> stop();
+
+  /// Grants or renews a lease on a laser for at most capabilities().lease_ms; call it only from the loop that accepts
+  /// frames. Refused with an open interlock, in a fault state or for class above what the controller declares safe.
+  tl::expected<void, DeviceError> renew_laser(int laser, std::int64_t lease_ms);
+  tl::expected<void, DeviceError> laser_off();
+  tl::expected<void, DeviceError> set_lamp(LampPattern pattern);
+
+  /// Lasers off, motor stopped, verified by reading back; tried even on a broken link. Never throws.
+  SafeReport make_safe() noexcept;
+
+ private:
+  struct Impl;
+  explicit ScannerDevice(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace celadon

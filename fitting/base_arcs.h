@@ -1,0 +1,50 @@
+#pragma once
+// The unit base circle as equal rational quadratic Bezier arcs, and the synchronisation of theta with its parameter v.
+// Source: thesis (2.3) - (2.8); stable form of (2.7) as in README.md, "Base arcs".
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <vector>
+
+namespace celadon {
+
+/// Equal rational quadratic arcs over [start_rad, start_rad + range_rad], each on a unit parameter interval:
+/// v in [0, count()].
+class BaseArcs {
+ public:
+  /// The full circle: four arcs of 90 degrees from theta = 0, closed.
+  static BaseArcs full_circle();
+  /// max(1, ceil(range / 90 degrees - 1e-9)) equal arcs, open.
+  /// @pre 0 < range_rad <= 2 pi
+  static BaseArcs open(double start_rad, double range_rad);
+
+  int count() const { return count_; }
+  double arc_rad() const { return arc_rad_; }
+  double start_rad() const { return start_rad_; }
+  bool closed() const { return closed_; }
+  /// Middle weight of each arc, cos(arc/2) (2.4).
+  double weight() const { return weight_; }
+
+  /// Parameter v of an angle (2.8). Closed arcs take any theta; open ones clamp to their range.
+  double v_of_theta(double theta_rad) const;
+  /// Angle of a parameter v in [0, count()], in [start, start + range].
+  double theta_of_v(double v) const;
+  /// d theta / d v and d^2 theta / d v^2, taken from the arc that contains v (the right one at a joint unless v == count()).
+  void theta_derivatives(double v, double& theta_v, double& theta_vv) const;
+  /// v and r of points (x, y), without any arctangent; SIMD. Arrays of length n; x = y = 0 gives r = 0, v = 0.
+  void synchronise(const double* x, const double* y, std::size_t n, double* v, double* r) const;
+  /// v of angles; SIMD. Arrays of length n.
+  void synchronise(const double* theta_rad, std::size_t n, double* v) const;
+
+  /// Clamped knot vector of degree 2 with full multiplicity at the joints (2.3).
+  std::vector<double> knots() const;
+  /// Homogeneous control points (w x, w y, w), one per row, (2 count() + 1) x 3.
+  Eigen::MatrixX3d control_points() const;
+
+ private:
+  int count_ = 4;
+  double start_rad_ = 0, arc_rad_ = 0, weight_ = 0;
+  bool closed_ = true;
+};
+
+}  // namespace celadon

@@ -1,0 +1,66 @@
+#pragma once
+// Streamed sums of a range fit: polynomial moments per cell of a dyadic grid over (z, v), from which the normal equations
+// of every space nested in the grid follow exactly. Memory does not depend on the number of samples.
+// Source: README.md, "Accumulation".
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "fitting/base_arcs.h"
+#include "fitting/profile.h"
+
+namespace celadon {
+
+/// What two sets of sums must agree on to be merged.
+struct GridSpecification {
+  double z_start_mm = 0, z_end_mm = 0;  ///< band of the grid, z_start < z_end
+  int z_intervals = 32;                 ///< a power of two, uniform over the band
+  int intervals_per_arc = 32;           ///< a power of two, uniform in v on each of the four arcs
+  int degree_u = 3, degree_v = 3;       ///< the largest degrees that can be solved for, 1..5
+  bool operator==(const GridSpecification&) const = default;
+};
+
+/// Weights of samples: 1/w^2 = sigma_r^2 + (r_z sigma_z)^2 + (r_theta sigma_theta)^2 with cross terms.
+enum class WeightRule : std::uint8_t { unit, covariance };
+
+class MomentGrid {
+ public:
+  explicit MomentGrid(const GridSpecification& specification, WeightRule rule = WeightRule::unit);
+
+  const GridSpecification& specification() const { return specification_; }
+
+  /// Add a profile in general position (each sample its own theta, optional weights of length n; empty = 1).
+  /// Samples outside the band, with r <= 0 or not finite are counted as rejected, never added.
+  void add(std::span<const double> r_mm, std::span<const double> theta_rad, std::span<const double> z_mm,
+           std::span<const double> weight = {});
+  /// Add a profile whose samples share one theta, z ascending or not: one-dimensional sums, one outer product a cell.
+  void add_constant_theta(double theta_rad, std::span<const double> r_mm, std::span<const double> z_mm);
+  /// Add points x, y, z (axis = z).
+  void add_cartesian(std::span<const double> x_mm, std::span<const double> y_mm, std::span<const double> z_mm);
+  /// Add a complete regular grid: r_mm(i, j) at theta_i = 2 pi (i + offset)/rows and the given z_j.
+  void add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>& r_mm, double theta_offset_rad,
+                   std::span<const double> z_mm);
+
+  /// Sums of another grid with the same specification and rule. @throws std::invalid_argument naming what differs
+  void merge(const MomentGrid& other);
+
+  std::size_t samples() const { return samples_; }
+  std::size_t rejected() const { return rejected_; }
+  double sum_weight() const { return sum_weight_; }
+  double sum_weighted_square() const { return sum_wrr_; }
+  std::size_t memory_bytes() const;
+
+ private:
+  friend class NormalEquations;
+  GridSpecification specification_;
+  WeightRule rule_;
+  BaseArcs arcs_ = BaseArcs::full_circle();
+  std::vector<double> cells_;
+  std::size_t cell_stride_ = 0, samples_ = 0, rejected_ = 0;
+  double sum_weight_ = 0, sum_wr_ = 0, sum_wrr_ = 0;
+};
+
+}  // namespace celadon

@@ -1,0 +1,77 @@
+#pragma once
+// The whole fit, from sums and a repeatable stream of profiles to the exact NURBS surface and its report.
+// Source: README.md; thesis chapter 3.
+
+#include <Eigen/Core>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "fitting/moment_grid.h"
+#include "fitting/nurbs_surface.h"
+#include "fitting/profile.h"
+#include "fitting/range_function.h"
+#include "fitting/range_space.h"
+
+namespace celadon {
+
+enum class SurfaceModel { automatic, cylinder, revolution, translational, general };
+const char* to_string(SurfaceModel model);  ///< "auto", "cylinder", "revolution", "translational", "general"
+
+struct RangeFitOptions {
+  SurfaceModel model = SurfaceModel::automatic;
+  int degree_u = 3, degree_v = 3;              ///< of F, 1..5, for the directions that are not constant
+  double tolerance_mm = 0;                     ///< refine until the 95th percentile is below it; 0: until Cp stops falling
+  std::optional<double> form_tolerance_mm;     ///< delta of the model selection; default systematic_mm, else 1e-9 x size
+  double systematic_mm = 0;                    ///< systematic uncertainty of the calibration
+  JointContinuity continuity = JointContinuity::curvature;
+  /// Fixed numbers of intervals instead of the data's choice (both or neither).
+  std::optional<int> z_intervals, intervals_per_arc;
+  bool robust = true;                          ///< Tukey weights by the median absolute deviation
+  bool smoothing = true;                       ///< bending energy by Mallows' Cp
+};
+
+struct ErrorSummary { double rms = 0, p95 = 0, max = 0; };
+
+struct RangeFitReport {
+  std::size_t points = 0, rejected = 0, unfollowable = 0;
+  SurfaceModel model = SurfaceModel::general;
+  int degree_u = 3, degree_v = 3;              ///< of the exported surface
+  int control_points_u = 0, control_points_v = 0;
+  double noise_mm = 0, kappa = 1;
+  ErrorSummary residual_mm, geometric_mm;      ///< e_p along the ray, e_g = e_p cos(psi)
+  double coverage = 0;                         ///< share of the clipped band's area with samples, 0..1
+  std::string decided_by;                      ///< which test chose the model; both decisions
+  std::string stopped_by;                      ///< what ended the refinement
+  double z_start_mm = 0, z_end_mm = 0;         ///< band of the surface
+  double cut_below_mm = 0, cut_above_mm = 0;   ///< measured but cut at the rims
+  std::vector<std::string> warnings;           ///< what an operator should know, one sentence each
+};
+
+struct RangeFit {
+  RangeFunction function;
+  NurbsSurface surface;
+  RangeFitReport report;
+};
+
+/// Why no surface could be fitted: a value and a remedy in one sentence.
+struct FitError { std::string message; };
+
+/// The best grid for a stream: one pass for its band, then the finest dyadic ladder the samples carry.
+tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, const RangeFitOptions& options);
+
+/// Fit from finished sums; `profiles` is read at most three further times (robust weights, residuals, errors), never
+/// copied. Progress is reported by `stage` ("selecting", "robust pass 1", ...) if given.
+/// Errors: no samples, fewer samples than unknowns, all points on the axis, a band without coverage.
+tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream& profiles,
+                                           const RangeFitOptions& options = {},
+                                           const std::function<void(const char* stage)>& stage = {});
+
+/// From finished sums alone (no pass over the samples): quick preview and running fit error while scanning.
+/// The residuals in its report are those the moments resolve (RMS only).
+tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFitOptions& options = {});
+
+}  // namespace celadon
