@@ -20,5 +20,20 @@ function(celadon_test name)
   target_link_libraries(${name} PRIVATE ${arg_LINK} GTest::gtest GTest::gmock GTest::gtest_main)
   target_compile_definitions(${name} PRIVATE CELADON_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}"
                              CELADON_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  if("threads" IN_LIST arg_LABELS)
+    add_dependencies(tsan_tests ${name})
+  endif()
   gtest_discover_tests(${name} DISCOVERY_MODE PRE_TEST PROPERTIES TIMEOUT ${arg_TIMEOUT} LABELS "${arg_LABELS}")
+endfunction()
+
+# What the thread sanitizer's build makes: celadon_test programs with the label "threads".
+add_custom_target(tsan_tests)
+
+# celadon_campaign(NAME SOURCES ... LINK ...) makes a program that tools/campaign NAME runs and whose result it keeps.
+function(celadon_campaign name)
+  cmake_parse_arguments(arg "" "" "SOURCES;LINK" ${ARGN})
+  add_executable(${name} ${arg_SOURCES})
+  target_include_directories(${name} PRIVATE "${PROJECT_SOURCE_DIR}")
+  target_link_libraries(${name} PRIVATE ${arg_LINK})
+  target_compile_definitions(${name} PRIVATE CELADON_BIN_DIR="${CMAKE_RUNTIME_OUTPUT_DIRECTORY}")
 endfunction()

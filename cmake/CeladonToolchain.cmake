@@ -31,6 +31,12 @@ else()
   endif()
 endif()
 
+if(CELADON_WERROR)
+  add_compile_options(-Werror)
+endif()
+if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
+  add_compile_options(-Wthread-safety)
+endif()
 # Results must not depend on which instructions the compiler happens to fuse.
 add_compile_options(-Wall -Wextra -Wconversion -Wshadow -ffp-contract=off)
 if(CELADON_SANITIZE)
