@@ -13,7 +13,7 @@ namespace celadon {
 struct PositionSample {
   std::uint32_t counter = 0;
   std::uint64_t device_time_us = 0;
-  double angle_rad = 0;            ///< unwrapped
+  double angle_rad = 0;  ///< unwrapped
   std::int64_t host_before_ns = 0, host_after_ns = 0;
 };
 
@@ -32,12 +32,16 @@ class AngleTimeline {
   /// Host time of the newest position sample; INT64_MIN without any.
   std::int64_t newest_ns() const;
   /// @returns nullopt-like error text when the instant lies more than max_extrapolation_ns outside the samples
-  tl::expected<AngleAtInstant, const char*> at(std::int64_t host_ns, std::int64_t max_extrapolation_ns = 50'000'000) const;
+  tl::expected<AngleAtInstant, const char*> at(std::int64_t host_ns,
+                                               std::int64_t max_extrapolation_ns = 50'000'000) const;
   /// Estimated host time of a controller time stamp.
   std::int64_t host_time_ns(std::uint64_t device_time_us) const;
 
  private:
-  struct Point { std::uint64_t device_time_us; double angle_rad; };
+  struct Point {
+    std::uint64_t device_time_us;
+    double angle_rad;
+  };
   std::deque<Point> points_;
   double quantisation_rad_;
   std::int64_t best_round_trip_ns_ = INT64_MAX;

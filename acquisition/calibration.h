@@ -34,7 +34,8 @@ struct LaserPlane {
   double u_normal_rad = 0, u_distance_mm = 0;
 };
 
-/// Pose of the scanner frame (z = rotary axis, origin on the platter) in the camera frame: p_C = X_CW p_W at table angle 0.
+/// Pose of the scanner frame (z = rotary axis, origin on the platter) in the camera frame: p_C = X_CW p_W at table
+/// angle 0.
 struct AxisPose {
   Eigen::Isometry3d X_CW = Eigen::Isometry3d::Identity();
   double u_direction_rad = 0, u_position_mm = 0;
@@ -46,21 +47,23 @@ struct TimeModel {
 };
 
 struct Calibration {
-  std::string machine;         ///< identity of the controller this belongs to
-  std::string camera;          ///< CameraMode::identity
-  std::string date;            ///< ISO 8601, UTC
+  std::string machine;  ///< identity of the controller this belongs to
+  std::string camera;   ///< CameraMode::identity
+  std::string date;     ///< ISO 8601, UTC
   bool simulated = false;
   CameraModel camera_model;
   std::vector<LaserPlane> lasers;
   AxisPose axis;
-  Measured encoder_scale{1, 0};   ///< true angle / encoder angle
-  double direction = 1;           ///< +1: table turns counter-clockwise seen from above for rising encoder angles
-  Measured scale{1, 0.003};       ///< true length / model length
-  double systematic_mm = 0;       ///< systematic uncertainty of a radius: form tolerance of the model selection
+  Measured encoder_scale{1, 0};  ///< true angle / encoder angle
+  double direction = 1;          ///< +1: table turns counter-clockwise seen from above for rising encoder angles
+  Measured scale{1, 0.003};      ///< true length / model length
+  double systematic_mm = 0;      ///< systematic uncertainty of a radius: form tolerance of the model selection
   TimeModel time;
 };
 
-struct CalibrationError { std::string message; };   ///< names file, line or field, value and remedy
+struct CalibrationError {
+  std::string message;
+};  ///< names file, line or field, value and remedy
 
 tl::expected<Calibration, CalibrationError> read_calibration(const std::filesystem::path& file);
 tl::expected<Calibration, CalibrationError> parse_calibration(const std::string& text, const std::string& name);

@@ -14,7 +14,9 @@ namespace celadon {
 
 enum class PixelFormat : std::uint32_t { grey8 = 1, yuyv = 2 };
 const char* to_string(PixelFormat format);
-inline std::size_t bytes_per_pixel(PixelFormat format) { return format == PixelFormat::grey8 ? 1 : 2; }
+inline std::size_t bytes_per_pixel(PixelFormat format) {
+  return format == PixelFormat::grey8 ? 1 : 2;
+}
 
 enum class Shutter : std::uint32_t { global = 0, rolling = 1 };
 
@@ -26,21 +28,21 @@ struct CameraMode {
   Shutter shutter = Shutter::global;
   std::int64_t frame_period_ns = 0;
   std::int64_t exposure_ns = 0;
-  std::string identity;     ///< name and serial number, as calibration files quote it
+  std::string identity;  ///< name and serial number, as calibration files quote it
   bool simulated = false;
   bool operator==(const CameraMode&) const = default;
 };
 
 /// What is known of one frame.
 struct FrameInfo {
-  std::uint64_t sequence = 0;        ///< of the driver; a gap means lost frames
-  std::int64_t stamp_ns = 0;         ///< of the driver, host clock; the time model of the calibration says what it means
-  std::int64_t exposure_ns = 0;      ///< in force for this frame
-  std::uint32_t lost_before = 0;     ///< frames lost between the previous one and this one
-  bool corrupt = false;              ///< the driver flagged an error in the buffer
-  double table_angle_rad = 0;        ///< replay only: angle recorded with the frame
+  std::uint64_t sequence = 0;     ///< of the driver; a gap means lost frames
+  std::int64_t stamp_ns = 0;      ///< of the driver, host clock; the time model of the calibration says what it means
+  std::int64_t exposure_ns = 0;   ///< in force for this frame
+  std::uint32_t lost_before = 0;  ///< frames lost between the previous one and this one
+  bool corrupt = false;           ///< the driver flagged an error in the buffer
+  double table_angle_rad = 0;     ///< replay only: angle recorded with the frame
   bool has_table_angle = false;
-  bool laser_on = true;              ///< replay only: recorded with the frame
+  bool laser_on = true;  ///< replay only: recorded with the frame
 };
 
 /// A device or system fault of a camera: one sentence with operation, device, cause, errno and the remedy.
@@ -65,7 +67,9 @@ class Frame {
   Frame(FrameReturn* owner, std::uint32_t buffer, std::span<const std::uint8_t> bytes, const FrameInfo& frame_info)
       : info(frame_info), owner_(owner), buffer_(buffer), bytes_(bytes) {}
   Frame(Frame&& other) noexcept
-      : info(other.info), owner_(std::exchange(other.owner_, nullptr)), buffer_(other.buffer_),
+      : info(other.info),
+        owner_(std::exchange(other.owner_, nullptr)),
+        buffer_(other.buffer_),
         bytes_(std::exchange(other.bytes_, {})) {}
   Frame& operator=(Frame&& other) noexcept {
     if (this != &other) {

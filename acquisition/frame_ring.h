@@ -1,7 +1,7 @@
 #pragma once
-// Byte format between the virtual scanner's frame server and its client: a SOCK_SEQPACKET Unix socket FOLDER/frames.sock,
-// one struct a packet, and a memfd with the frame slots passed (SCM_RIGHTS) with the hello, so that frames are not copied.
-// Same machine, same byte order. Version 1; later versions append fields and raise the number.
+// Byte format between the virtual scanner's frame server and its client: a SOCK_SEQPACKET Unix socket
+// FOLDER/frames.sock, one struct a packet, and a memfd with the frame slots passed (SCM_RIGHTS) with the hello, so that
+// frames are not copied. Same machine, same byte order. Version 1; later versions append fields and raise the number.
 
 #include <cstdint>
 
@@ -14,11 +14,11 @@ inline constexpr std::uint32_t kVersion = 1;
 struct Hello {
   std::uint32_t magic = kMagic, version = kVersion;
   std::uint32_t slot_count = 0;
-  std::uint32_t slot_bytes = 0;      ///< distance of slots in the memfd; slot k begins at k * slot_bytes
+  std::uint32_t slot_bytes = 0;  ///< distance of slots in the memfd; slot k begins at k * slot_bytes
   std::uint32_t width_px = 0, height_px = 0, stride_bytes = 0;
-  std::uint32_t format = 0;          ///< PixelFormat
-  std::uint32_t shutter = 0;         ///< Shutter
-  std::uint32_t lock_step = 0;       ///< 1: `next` is a declared wait that advances the device's time
+  std::uint32_t format = 0;     ///< PixelFormat
+  std::uint32_t shutter = 0;    ///< Shutter
+  std::uint32_t lock_step = 0;  ///< 1: `next` is a declared wait that advances the device's time
   std::int64_t frame_period_ns = 0, exposure_ns = 0;
   char identity[64] = {};
 };
@@ -43,11 +43,11 @@ struct Reply {
   ReplyKind kind = ReplyKind::frame;
   std::uint32_t slot = 0;
   std::uint64_t sequence = 0;
-  std::int64_t stamp_ns = 0;     ///< host clock: CLOCK_MONOTONIC in real time, device time in lock-step
+  std::int64_t stamp_ns = 0;  ///< host clock: CLOCK_MONOTONIC in real time, device time in lock-step
   std::int64_t exposure_ns = 0;
   std::uint32_t bytes_used = 0;
   std::uint32_t corrupt = 0;
-  std::int64_t value = 0;        ///< exposure in force; errno for a fault (ENODEV: unplugged)
+  std::int64_t value = 0;  ///< exposure in force; errno for a fault (ENODEV: unplugged)
 };
 
 }  // namespace celadon::frame_ring

@@ -21,7 +21,9 @@ class Triangulator {
   /// @pre calibration.lasers holds the laser
   Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume);
 
-  struct Counts { int found = 0, ambiguous = 0, outside = 0, edge = 0; };
+  struct Counts {
+    int found = 0, ambiguous = 0, outside = 0, edge = 0;
+  };
   /// Fills r, theta, z, covariance and row of `profile` (its other fields but table_angle_rad and time_ns are left).
   /// `angle_at(instant_ns)` gives the table angle at each row's own instant; the last row of a run at a jump of the
   /// line is dropped (mixed pixels).

@@ -1,0 +1,506 @@
+// Grammar: CALIBRATION.md.
+#include "acquisition/calibration.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <memory>
+#include <set>
+#include <string_view>
+#include <system_error>
+
+#define TOML_EXCEPTIONS 0
+#define TOML_HEADER_ONLY 1
+#include <toml++/toml.h>
+
+#include "acquisition/lens.h"
+
+namespace celadon {
+namespace {
+
+constexpr std::size_t kLargestFile = std::size_t{1} << 20;
+constexpr double kUnitTolerance = 1e-9;
+constexpr int kMajor = 1, kMinor = 0;
+constexpr const char* kFormat = "celadon-calibration";
+constexpr std::array<const char*, 5> kDistortionKeys{"k1", "k2", "p1", "p2", "k3"};
+
+/// Leaves the parser; caught in parse_calibration, never seen outside this file.
+struct Refusal {
+  std::string message;
+};
+
+/// Shortest decimals that read back as the same double, always with a mark of a TOML float.
+std::string number_text(double value) {
+  std::array<char, 32> buffer;
+  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value).ptr;
+  std::string text(buffer.data(), end);
+  if (text.find_first_of(".en") == std::string::npos) text += ".0";
+  return text;
+}
+
+std::string quoted(const std::string& text) {
+  std::string out = "\"";
+  for (const char c : text) {
+    if (c == '"' || c == '\\') {
+      out += '\\';
+      out += c;
+    } else if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) {
+      std::array<char, 8> escape;
+      std::snprintf(escape.data(), escape.size(), "\\u%04X", static_cast<unsigned>(c));
+      out += escape.data();
+    } else {
+      out += c;
+    }
+  }
+  return out + '"';
+}
+
+/// The part of a text that an error message can quote.
+std::string excerpt(std::string_view text) {
+  return quoted(std::string(text.substr(0, 60))) + (text.size() > 60 ? "..." : "");
+}
+
+std::string value_text(const toml::node& node) {
+  if (const auto* text = node.as_string()) return excerpt(text->get());
+  if (const auto* real = node.as_floating_point()) return number_text(real->get());
+  if (const auto* whole = node.as_integer()) return std::to_string(whole->get());
+  if (const auto* truth = node.as_boolean()) return truth->get() ? "true" : "false";
+  if (node.is_array()) return "an array of " + std::to_string(node.as_array()->size());
+  if (node.is_table()) return "a table";
+  return "a date or time";
+}
+
+/// One table of the file: hands out checked values, knows where it is for messages, and which keys were asked for.
+class Section {
+ public:
+  Section(const toml::table& table, std::string file, std::string path)
+      : table_(&table), file_(std::move(file)), path_(std::move(path)) {}
+
+  [[noreturn]] void refuse(const toml::node& where, const std::string& field, const std::string& why) const {
+    throw Refusal{file_ + ", line " + std::to_string(where.source().begin.line) + ", " + full(field) + ": " + why};
+  }
+
+  const toml::node& node(const std::string& key) {
+    used_.insert(key);
+    const toml::node* found = table_->get(key);
+    if (found == nullptr) {
+      refuse(*table_, key, "is missing; add it as CALIBRATION.md describes, or calibrate again");
+    }
+    return *found;
+  }
+
+  Section section(const std::string& key) {
+    const toml::node& found = node(key);
+    if (!found.is_table()) refuse(found, key, "is " + value_text(found) + " and must be a table");
+    return {*found.as_table(), file_, full(key)};
+  }
+
+  std::string text(const std::string& key) {
+    const toml::node& found = node(key);
+    if (!found.is_string()) refuse(found, key, "is " + value_text(found) + " and must be a text in quotes");
+    if (found.as_string()->get().empty()) refuse(found, key, "is an empty text; name it");
+    return found.as_string()->get();
+  }
+
+  bool boolean(const std::string& key) {
+    const toml::node& found = node(key);
+    if (!found.is_boolean()) refuse(found, key, "is " + value_text(found) + " and must be true or false");
+    return found.as_boolean()->get();
+  }
+
+  int integer(const std::string& key, int smallest, int largest) {
+    const toml::node& found = node(key);
+    const auto* whole = found.as_integer();
+    if (whole == nullptr || whole->get() < smallest || whole->get() > largest) {
+      refuse(found, key,
+             "is " + value_text(found) + " and must be a whole number from " + std::to_string(smallest) + " to " +
+                 std::to_string(largest));
+    }
+    return static_cast<int>(whole->get());
+  }
+
+  double number(const std::string& key) { return number_of(node(key), key); }
+
+  double uncertainty(const std::string& key) {
+    const double u = number(key);
+    if (u < 0) refuse(node(key), key, "is " + number_text(u) + " and a standard uncertainty cannot be negative");
+    return u;
+  }
+
+  Measured measured(const std::string& key) {
+    Section pair = section(key);
+    const Measured out{pair.number("value"), pair.uncertainty("u")};
+    pair.finish(newer_);
+    return out;
+  }
+
+  Measured positive(const std::string& key) {
+    const Measured out = measured(key);
+    if (out.value <= 0) refuse(node(key), key + ".value", "is " + number_text(out.value) + " and must be above 0");
+    return out;
+  }
+
+  Eigen::Vector3d vector(const std::string& key) { return vector_of(node(key), key); }
+
+  Eigen::Matrix3d matrix(const std::string& key) {
+    const toml::node& found = node(key);
+    const auto* rows = found.as_array();
+    if (rows == nullptr || rows->size() != 3) {
+      refuse(found, key, "is " + value_text(found) + " and must be an array of three rows");
+    }
+    Eigen::Matrix3d out;
+    for (std::size_t i = 0; i < 3; ++i) {
+      out.row(static_cast<Eigen::Index>(i)) = vector_of(*rows->get(i), key + "[" + std::to_string(i) + "]").transpose();
+    }
+    return out;
+  }
+
+  /// Refuses keys nobody asked for, unless the file is of a newer minor version.
+  void finish(bool newer) const {
+    if (newer) return;
+    for (const auto& [key, value] : *table_) {
+      if (!used_.contains(std::string(key.str()))) {
+        refuse(value, excerpt(key.str()), "is not a key of version 1.0; correct its spelling or remove it");
+      }
+    }
+  }
+
+  void set_newer(bool newer) { newer_ = newer; }
+
+ private:
+  std::string full(const std::string& field) const { return path_.empty() ? field : path_ + "." + field; }
+
+  double number_of(const toml::node& found, const std::string& field) const {
+    double value = 0;
+    if (const auto* real = found.as_floating_point()) {
+      value = real->get();
+    } else if (const auto* whole = found.as_integer()) {
+      value = static_cast<double>(whole->get());
+    } else {
+      refuse(found, field, "is " + value_text(found) + " and must be a number");
+    }
+    if (!std::isfinite(value))
+      refuse(found, field, "is " + number_text(value) + " and must be finite; calibrate again");
+    return value;
+  }
+
+  Eigen::Vector3d vector_of(const toml::node& found, const std::string& field) const {
+    const auto* items = found.as_array();
+    if (items == nullptr || items->size() != 3) {
+      refuse(found, field, "is " + value_text(found) + " and must be an array of three numbers");
+    }
+    return {number_of(*items->get(0), field + "[0]"), number_of(*items->get(1), field + "[1]"),
+            number_of(*items->get(2), field + "[2]")};
+  }
+
+  const toml::table* table_;
+  std::string file_, path_;
+  std::set<std::string> used_;
+  bool newer_ = false;
+};
+
+bool is_date(const std::string& text) {
+  const auto digits = [&](std::size_t from, std::size_t count) {
+    return std::all_of(text.begin() + static_cast<std::ptrdiff_t>(from),
+                       text.begin() + static_cast<std::ptrdiff_t>(from + count),
+                       [](char c) { return c >= '0' && c <= '9'; });
+  };
+  const auto in = [&](std::size_t from, int low, int high) {
+    const int value = (text[from] - '0') * 10 + (text[from + 1] - '0');
+    return digits(from, 2) && value >= low && value <= high;
+  };
+  if (text.size() < 10 || !digits(0, 4) || text[4] != '-' || !in(5, 1, 12) || text[7] != '-' || !in(8, 1, 31)) {
+    return false;
+  }
+  if (text.size() == 10) return true;
+  if (text.size() < 20 || text[10] != 'T' || !in(11, 0, 23) || text[13] != ':' || !in(14, 0, 59) || text[16] != ':' ||
+      !in(17, 0, 60) || text.back() != 'Z') {
+    return false;
+  }
+  return text.size() == 20 || (text[19] == '.' && text.size() > 21 && digits(20, text.size() - 21));
+}
+
+/// @returns whether the file's minor version is newer than this reader's
+bool check_version(Section& root) {
+  if (const std::string format = root.text("format"); format != kFormat) {
+    root.refuse(root.node("format"), "format",
+                "is " + excerpt(format) + " and must be \"" + kFormat + "\"; this is not a calibration file");
+  }
+  const std::string version = root.text("version");
+  int major = 0, minor = 0;
+  const char* const end = version.data() + version.size();
+  const auto first = std::from_chars(version.data(), end, major);
+  const bool dot = first.ec == std::errc{} && first.ptr != end && *first.ptr == '.';
+  const auto second = dot ? std::from_chars(first.ptr + 1, end, minor) : first;
+  if (!dot || second.ec != std::errc{} || second.ptr != end || major < 0 || minor < 0) {
+    root.refuse(root.node("version"), "version",
+                "is " + excerpt(version) + " and must read MAJOR.MINOR, such as \"1.0\"");
+  }
+  if (major != kMajor) {
+    root.refuse(root.node("version"), "version",
+                "is " + excerpt(version) + " and this program reads version 1; " +
+                    (major > kMajor ? "update Celadon or calibrate again" : "calibrate again"));
+  }
+  return minor > kMinor;
+}
+
+CameraModel camera_of(Section& root, bool newer) {
+  Section section = root.section("camera_model");
+  section.set_newer(newer);
+  CameraModel camera;
+  camera.width_px = section.integer("width_px", 1, 65535);
+  camera.height_px = section.integer("height_px", 1, 65535);
+  camera.fx_px = section.positive("fx_px");
+  camera.fy_px = section.positive("fy_px");
+  const auto centre = [&](const char* key, int size) {
+    const Measured out = section.measured(key);
+    if (!(out.value >= -size && out.value <= 2.0 * size)) {
+      section.refuse(section.node(key), std::string(key) + ".value",
+                     "is " + number_text(out.value) + ", more than one image size (" + std::to_string(size) +
+                         " px) outside the image; calibrate again");
+    }
+    return out;
+  };
+  camera.cx_px = centre("cx_px", camera.width_px);
+  camera.cy_px = centre("cy_px", camera.height_px);
+  for (std::size_t i = 0; i < kDistortionKeys.size(); ++i) camera.distortion[i] = section.measured(kDistortionKeys[i]);
+  if (!invertible(camera)) {
+    section.refuse(section.node("k1"), "k1 ... k3",
+                   "describe a distortion that folds the image over inside its border, so that pixels have no single "
+                   "ray; calibrate the camera again with the board near every corner");
+  }
+  section.finish(newer);
+  return camera;
+}
+
+LaserPlane laser_of(Section section, bool newer) {
+  LaserPlane plane;
+  plane.laser = section.integer("number", 0, 255);
+  plane.normal_C = section.vector("normal");
+  if (const double length = plane.normal_C.norm(); !(std::abs(length - 1) <= kUnitTolerance)) {
+    section.refuse(section.node("normal"), "normal",
+                   "has length " + number_text(length) +
+                       " and must have length 1 within 1e-9; divide it by its length "
+                       "and write all its digits");
+  }
+  plane.distance_mm = section.number("distance_mm");
+  if (std::abs(plane.distance_mm) < 1e-3) {
+    section.refuse(section.node("distance_mm"), "distance_mm",
+                   "is " + number_text(plane.distance_mm) +
+                       ": a plane through the camera's centre measures nothing; calibrate the laser again");
+  }
+  plane.u_normal_rad = section.uncertainty("u_normal_rad");
+  plane.u_distance_mm = section.uncertainty("u_distance_mm");
+  section.finish(newer);
+  return plane;
+}
+
+std::vector<LaserPlane> lasers_of(Section& root, const std::string& name, bool newer) {
+  const toml::node& found = root.node("laser");
+  const auto* tables = found.as_array();
+  if (tables == nullptr || tables->empty() || !tables->is_array_of_tables()) {
+    root.refuse(found, "laser", "is " + value_text(found) + " and must be one or more tables [[laser]]");
+  }
+  std::vector<LaserPlane> lasers;
+  for (std::size_t i = 0; i < tables->size(); ++i) {
+    const toml::table& table = *tables->get(i)->as_table();
+    lasers.push_back(laser_of({table, name, "laser[" + std::to_string(i) + "]"}, newer));
+    const int number = lasers.back().laser;
+    if (std::count_if(lasers.begin(), lasers.end(), [&](const LaserPlane& l) { return l.laser == number; }) > 1) {
+      root.refuse(table, "laser[" + std::to_string(i) + "].number",
+                  "is " + std::to_string(number) + ", which an earlier laser has; number each laser once");
+    }
+  }
+  return lasers;
+}
+
+AxisPose axis_of(Section& root, bool newer) {
+  Section section = root.section("axis");
+  AxisPose axis;
+  const Eigen::Matrix3d rotation = section.matrix("rotation");
+  const double error = (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
+  if (!(error <= kUnitTolerance)) {
+    section.refuse(section.node("rotation"), "rotation",
+                   "differs from a rotation by " + number_text(error) +
+                       " (R R^T - 1) and may by 1e-9; write all its digits or calibrate again");
+  }
+  if (rotation.determinant() < 0) {
+    section.refuse(section.node("rotation"), "rotation",
+                   "is a reflection (its determinant is -1); exchange the sign of one axis or calibrate again");
+  }
+  axis.X_CW.linear() = rotation;
+  axis.X_CW.translation() = section.vector("translation_mm");
+  axis.u_direction_rad = section.uncertainty("u_direction_rad");
+  axis.u_position_mm = section.uncertainty("u_position_mm");
+  section.finish(newer);
+  return axis;
+}
+
+Calibration calibration_of(const toml::table& table, const std::string& name) {
+  Section root(table, name, "");
+  const bool newer = check_version(root);
+  root.set_newer(newer);
+  Calibration out;
+  out.machine = root.text("machine");
+  out.camera = root.text("camera");
+  out.date = root.text("date");
+  if (!is_date(out.date)) {
+    root.refuse(root.node("date"), "date",
+                "is " + excerpt(out.date) + " and must be ISO 8601 in UTC, such as \"2025-03-31T14:05:00Z\"");
+  }
+  out.simulated = root.boolean("simulated");
+  out.camera_model = camera_of(root, newer);
+  out.lasers = lasers_of(root, name, newer);
+  out.axis = axis_of(root, newer);
+
+  Section encoder = root.section("encoder");
+  encoder.set_newer(newer);
+  out.encoder_scale = encoder.positive("scale");
+  out.direction = encoder.number("direction");
+  if (out.direction != 1 && out.direction != -1) {
+    encoder.refuse(encoder.node("direction"), "direction", "is " + number_text(out.direction) + " and must be 1 or -1");
+  }
+  encoder.finish(newer);
+
+  Section geometry = root.section("geometry");
+  geometry.set_newer(newer);
+  out.scale = geometry.positive("scale");
+  out.systematic_mm = geometry.uncertainty("systematic_mm");
+  geometry.finish(newer);
+
+  Section time = root.section("time");
+  time.set_newer(newer);
+  out.time = {time.measured("stamp_offset_ns"), time.measured("exposure_factor"), time.measured("line_time_ns")};
+  time.finish(newer);
+  root.finish(newer);
+  return out;
+}
+
+std::string measured_text(const Measured& m) {
+  return "{ value = " + number_text(m.value) + ", u = " + number_text(m.u) + " }";
+}
+
+std::string vector_text(const Eigen::Vector3d& v) {
+  return "[" + number_text(v.x()) + ", " + number_text(v.y()) + ", " + number_text(v.z()) + "]";
+}
+
+tl::unexpected<CalibrationError> error(std::string message) {
+  return tl::unexpected(CalibrationError{std::move(message)});
+}
+
+}  // namespace
+
+tl::expected<Calibration, CalibrationError> read_calibration(const std::filesystem::path& file) {
+  const std::string name = "calibration " + file.string();
+  std::error_code is_folder_error;
+  if (std::filesystem::is_directory(file, is_folder_error)) {
+    return error(name + " is a folder; give the calibration file in it");
+  }
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> stream(std::fopen(file.c_str(), "rb"), &std::fclose);
+  if (stream == nullptr) {
+    const int cause = errno;
+    return error(name + " cannot be opened: " + std::strerror(cause) + " (errno " + std::to_string(cause) +
+                 "); give the file of this machine with --calibration or calibrate first");
+  }
+  std::string text(kLargestFile + 1, '\0');
+  text.resize(std::fread(text.data(), 1, text.size(), stream.get()));
+  if (std::ferror(stream.get()) != 0) return error(name + " cannot be read; check the disk or copy the file again");
+  return parse_calibration(text, name);
+}
+
+tl::expected<Calibration, CalibrationError> parse_calibration(const std::string& text, const std::string& name) {
+  if (text.empty()) return error(name + " is empty; copy the calibration file again or calibrate again");
+  if (text.size() > kLargestFile) {
+    return error(name + " is longer than 1 MiB and cannot be a calibration file; give the right file");
+  }
+  const toml::parse_result parsed = toml::parse(text);
+  if (!parsed) {
+    const toml::parse_error& cause = parsed.error();
+    return error(name + ", line " + std::to_string(cause.source().begin.line) + ", column " +
+                 std::to_string(cause.source().begin.column) + ": is not TOML: " + std::string(cause.description()) +
+                 "; correct the line or copy the file again");
+  }
+  try {
+    return calibration_of(parsed.table(), name);
+  } catch (const Refusal& refusal) {
+    return error(refusal.message);
+  }
+}
+
+std::string format_calibration(const Calibration& calibration) {
+  const CameraModel& camera = calibration.camera_model;
+  std::string out =
+      "# Celadon calibration; grammar: acquisition/CALIBRATION.md. mm, rad, ns, px; u: standard uncertainty.\n";
+  const auto line = [&](const char* key, const std::string& value) { out += std::string(key) + " = " + value + "\n"; };
+  line("format", quoted(kFormat));
+  line("version", quoted(std::to_string(kMajor) + "." + std::to_string(kMinor)));
+  line("machine", quoted(calibration.machine));
+  line("camera", quoted(calibration.camera));
+  line("date", quoted(calibration.date));
+  line("simulated", calibration.simulated ? "true" : "false");
+
+  out += "\n[camera_model]\n";
+  line("width_px", std::to_string(camera.width_px));
+  line("height_px", std::to_string(camera.height_px));
+  line("fx_px", measured_text(camera.fx_px));
+  line("fy_px", measured_text(camera.fy_px));
+  line("cx_px", measured_text(camera.cx_px));
+  line("cy_px", measured_text(camera.cy_px));
+  for (std::size_t i = 0; i < kDistortionKeys.size(); ++i)
+    line(kDistortionKeys[i], measured_text(camera.distortion[i]));
+
+  for (const LaserPlane& plane : calibration.lasers) {
+    out += "\n[[laser]]\n";
+    line("number", std::to_string(plane.laser));
+    line("normal", vector_text(plane.normal_C));
+    line("distance_mm", number_text(plane.distance_mm));
+    line("u_normal_rad", number_text(plane.u_normal_rad));
+    line("u_distance_mm", number_text(plane.u_distance_mm));
+  }
+
+  const Eigen::Matrix3d rotation = calibration.axis.X_CW.linear();
+  out += "\n[axis]\nrotation = [\n";
+  for (Eigen::Index i = 0; i < 3; ++i) out += "  " + vector_text(rotation.row(i).transpose()) + ",\n";
+  out += "]\n";
+  line("translation_mm", vector_text(calibration.axis.X_CW.translation()));
+  line("u_direction_rad", number_text(calibration.axis.u_direction_rad));
+  line("u_position_mm", number_text(calibration.axis.u_position_mm));
+
+  out += "\n[encoder]\n";
+  line("scale", measured_text(calibration.encoder_scale));
+  line("direction", calibration.direction < 0 ? "-1" : "1");
+  out += "\n[geometry]\n";
+  line("scale", measured_text(calibration.scale));
+  line("systematic_mm", number_text(calibration.systematic_mm));
+  out += "\n[time]\n";
+  line("stamp_offset_ns", measured_text(calibration.time.stamp_offset_ns));
+  line("exposure_factor", measured_text(calibration.time.exposure_factor));
+  line("line_time_ns", measured_text(calibration.time.line_time_ns));
+  return out;
+}
+
+tl::expected<void, CalibrationError> check_calibration(const Calibration& calibration, const std::string& machine,
+                                                       const std::string& camera, int width_px, int height_px) {
+  const CameraModel& model = calibration.camera_model;
+  if (calibration.machine != machine) {
+    return error("the calibration is of the machine \"" + calibration.machine + "\" and the machine connected is \"" +
+                 machine + "\"; give this machine's calibration or calibrate it");
+  }
+  if (calibration.camera != camera) {
+    return error("the calibration is of the camera \"" + calibration.camera + "\" and the camera connected is \"" +
+                 camera + "\"; give this camera's calibration or calibrate again");
+  }
+  if (model.width_px != width_px || model.height_px != height_px) {
+    const auto size = [](int w, int h) { return std::to_string(w) + " x " + std::to_string(h) + " px"; };
+    return error("the calibration is for images of " + size(model.width_px, model.height_px) +
+                 " and the camera delivers " + size(width_px, height_px) +
+                 "; set the camera to the calibrated size or calibrate at this one");
+  }
+  return {};
+}
+
+}  // namespace celadon
