@@ -1,0 +1,100 @@
+#include "daemon/report.h"
+
+#include <algorithm>
+#include <numbers>
+
+namespace celadon {
+
+Eigen::Vector3d size_of(const RangeFunction& range) {
+  constexpr int kAround = 256, kAlong = 128;
+  const BaseCylinder& base = range.base();
+  Eigen::AlignedBox3d box;
+  for (int i = 0; i <= kAlong; ++i) {
+    const double z = base.z_start_mm + (base.z_end_mm - base.z_start_mm) * i / kAlong;
+    for (int j = 0; j < kAround; ++j) {
+      const double theta = 2 * std::numbers::pi * j / kAround;
+      const double r = range(theta, z);
+      box.extend(base.X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta), z));
+    }
+  }
+  return box.sizes();
+}
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json to_json(const ErrorSummary& e) {
+  return {{"rms", e.rms}, {"p95", e.p95}, {"max", e.max}};
+}
+Json to_json(const Eigen::Vector3d& v) {
+  return Json::array({v.x(), v.y(), v.z()});
+}
+
+}  // namespace
+
+nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes) {
+  const RangeFitReport& r = fit.report;
+  const Eigen::Isometry3d& X_WB = fit.function.base().X_WB;
+  Json json;
+  json["format"] = "celadon-report";
+  json["version"] = 1;
+  json["units"] = {{"length", "mm"}, {"angle", "rad"}, {"time", "s"}};
+  json["name"] = notes.name;
+  json["date"] = notes.date;
+  json["machine"] = notes.machine;
+  json["simulated"] = notes.simulated;
+  json["points"] = r.points;
+  json["rejected"] = r.rejected;
+  json["unfollowable"] = r.unfollowable;
+  json["model"] = to_string(r.model);
+  json["degree"] = {r.degree_u, r.degree_v};
+  json["control_points"] = {r.control_points_u, r.control_points_v};
+  json["noise_mm"] = r.noise_mm;
+  json["kappa"] = r.kappa;
+  json["residual_mm"] = to_json(r.residual_mm);
+  json["geometric_mm"] = to_json(r.geometric_mm);
+  json["coverage"] = r.coverage;
+  json["decided_by"] = r.decided_by;
+  json["stopped_by"] = r.stopped_by;
+  json["frame"] = {{"origin", to_json(Eigen::Vector3d(X_WB.translation()))},
+                   {"z", to_json(Eigen::Vector3d(X_WB.linear().col(2)))}};
+  json["band_mm"] = {r.z_start_mm, r.z_end_mm};
+  json["cut_mm"] = {{"below", r.cut_below_mm}, {"above", r.cut_above_mm}};
+  json["size_mm"] = to_json(size_of(fit.function));
+  Json warnings = Json::array();
+  for (const std::string& text : r.warnings) warnings.push_back(text);
+  for (const std::string& text : notes.warnings) warnings.push_back(text);
+  json["warnings"] = std::move(warnings);
+  Json seconds = Json::object();
+  for (const StageSeconds& s : notes.seconds) seconds[s.stage] = s.seconds;
+  json["seconds"] = std::move(seconds);
+  if (notes.truth_mm) {
+    json["truth_mm"] = {{"bias", notes.truth_mm->bias}, {"rms", notes.truth_mm->rms}, {"max", notes.truth_mm->max}};
+  }
+  if (notes.scan) {
+    const ScanCounters& s = *notes.scan;
+    json["scan"] = {{"mode", s.mode},
+                    {"profiles", s.profiles},
+                    {"frames", s.frames},
+                    {"lost", s.lost},
+                    {"stale", s.stale},
+                    {"corrupt", s.corrupt},
+                    {"rows_ambiguous", s.rows_ambiguous}};
+  }
+  if (notes.closure_mm) {
+    json["closure_mm"] = {
+        {"bias", notes.closure_mm->bias}, {"rms", notes.closure_mm->rms}, {"samples", notes.closure_mm->samples}};
+  }
+  if (notes.solid) {
+    json["solid"] = {
+        {"volume_mm3", notes.solid->volume_mm3}, {"valid", notes.solid->valid}, {"faces", notes.solid->faces}};
+  }
+  return json;
+}
+
+std::string format_report(const RangeFit& fit, const ResultNotes& notes) {
+  return report_json(fit, notes).dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace celadon

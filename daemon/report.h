@@ -1,0 +1,61 @@
+#pragma once
+// report.json: what was measured and how well. Grammar: RESULTS.md.
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "daemon/export/cad_client.h"
+#include "fitting/range_fit.h"
+
+namespace celadon {
+
+/// Wall-clock time of one stage, in the order in which the stages ran.
+struct StageSeconds {
+  std::string stage;
+  double seconds = 0;
+};
+
+/// Fitted range minus true range along the ray, mm. Simulated scans only.
+struct TruthError {
+  double bias = 0, rms = 0, max = 0;
+};
+
+/// Second reading of a place minus the first after a full turn, mm.
+struct ClosureError {
+  double bias = 0, rms = 0;
+  std::uint64_t samples = 0;
+};
+
+/// What became of the frames of a scan.
+struct ScanCounters {
+  std::string mode;  ///< "step" or "sweep"
+  std::uint64_t profiles = 0, frames = 0, lost = 0, stale = 0, corrupt = 0, rows_ambiguous = 0;
+};
+
+/// What the result files say besides the fit itself.
+struct ResultNotes {
+  std::string name = "object";
+  std::string date;     ///< ISO 8601 UTC, of the scan; empty for a fit of a file without a date
+  std::string machine;  ///< empty for a fit of a file
+  bool simulated = false;
+  std::vector<std::string> warnings;  ///< beside those of the fit
+  std::vector<StageSeconds> seconds;
+  std::optional<TruthError> truth_mm;
+  std::optional<ScanCounters> scan;
+  std::optional<ClosureError> closure_mm;
+  std::optional<CadResult> solid;
+};
+
+/// Extent of the wall along x, y and z of the scanner frame, mm, to about 1e-4 of the size.
+Eigen::Vector3d size_of(const RangeFunction& range);
+
+/// The report as a JSON object, fields in the order of RESULTS.md.
+nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes);
+/// The same as the text of report.json.
+std::string format_report(const RangeFit& fit, const ResultNotes& notes);
+
+}  // namespace celadon

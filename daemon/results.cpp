@@ -1,0 +1,192 @@
+#include "daemon/results.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+#include <system_error>
+
+#include "daemon/files/atomic_file.h"
+#include "daemon/files/mesh_files.h"
+#include "daemon/surface_json.h"
+
+namespace celadon {
+namespace {
+
+constexpr ResultFormat kFormats[] = {ResultFormat::step, ResultFormat::stl, ResultFormat::ply,
+                                     ResultFormat::surface_json, ResultFormat::report_json};
+
+double seconds_since(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+std::string file_name(ResultFormat format, const std::string& name) {
+  switch (format) {
+    case ResultFormat::step:
+      return name + ".step";
+    case ResultFormat::stl:
+      return name + ".stl";
+    case ResultFormat::ply:
+      return name + ".ply";
+    case ResultFormat::surface_json:
+      return "surface.json";
+    case ResultFormat::report_json:
+      break;
+  }
+  return "report.json";
+}
+
+std::string mesh_header(const ResultNotes& notes, double chord_mm) {
+  char chord[32];
+  std::snprintf(chord, sizeof chord, "%.4g", chord_mm);
+  return std::string(notes.simulated ? "SIMULATED " : "") + "celadon " + notes.name + ", mm, chord tolerance " + chord +
+         " mm, end discs assumed";
+}
+
+tl::expected<void, ResultError> put(const std::filesystem::path& file, std::string_view bytes) {
+  if (auto written = write_file_atomically(file, bytes); !written) {
+    return tl::make_unexpected(ResultError{written.error().errno_value == ENOENT ? 2 : 4, written.error().message});
+  }
+  return {};
+}
+
+tl::unexpected<ResultError> system_error(const std::string& what, const std::filesystem::path& path, int code) {
+  return tl::make_unexpected(
+      ResultError{code == ENOENT ? 2 : 4, what + " " + path.string() + " failed: " + std::strerror(code) +
+                                              (code == ENOSPC ? "; free space on that disk and fit the log again."
+                                                              : "; check the path and its permissions.")});
+}
+
+int sync_folder(const std::filesystem::path& folder) {
+  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (fd < 0) return errno;
+  const int code = ::fsync(fd) == 0 ? 0 : errno;
+  ::close(fd);
+  return code;
+}
+
+/// Removes a folder that was not finished, on every way out.
+class Beside {
+ public:
+  explicit Beside(std::filesystem::path path) : path_(std::move(path)) {}
+  Beside(const Beside&) = delete;
+  Beside& operator=(const Beside&) = delete;
+  ~Beside() {
+    std::error_code ignored;
+    if (!kept_) std::filesystem::remove_all(path_, ignored);
+  }
+  void keep() { kept_ = true; }
+
+ private:
+  std::filesystem::path path_;
+  bool kept_ = false;
+};
+
+}  // namespace
+
+const char* to_string(ResultFormat format) {
+  switch (format) {
+    case ResultFormat::step:
+      return "step";
+    case ResultFormat::stl:
+      return "stl";
+    case ResultFormat::ply:
+      return "ply";
+    case ResultFormat::surface_json:
+      return "surface.json";
+    case ResultFormat::report_json:
+      break;
+  }
+  return "report.json";
+}
+
+std::optional<ResultFormat> result_format_from(std::string_view text) {
+  for (const ResultFormat format : kFormats) {
+    if (text == to_string(format)) return format;
+  }
+  return std::nullopt;
+}
+
+std::optional<ResultFormat> result_format_of(const std::filesystem::path& file) {
+  const std::string name = file.filename().string(), extension = file.extension().string();
+  if (extension == ".step" || extension == ".stp") return ResultFormat::step;
+  if (extension == ".stl") return ResultFormat::stl;
+  if (extension == ".ply") return ResultFormat::ply;
+  if (name == "report.json" || name.ends_with(".report.json")) return ResultFormat::report_json;
+  if (extension == ".json") return ResultFormat::surface_json;
+  return std::nullopt;
+}
+
+tl::expected<void, ResultError> write_result(const RangeFit& fit, ResultFormat format,
+                                             const std::filesystem::path& file, ResultNotes& notes,
+                                             const ResultOptions& options) {
+  switch (format) {
+    case ResultFormat::step: {
+      CadOptions cad;
+      cad.ap214 = options.ap214;
+      cad.name = notes.name;
+      cad.simulated = notes.simulated;
+      cad.date = notes.date;
+      auto solid = write_step(fit.surface, file, cad);
+      if (!solid) return tl::make_unexpected(ResultError{4, solid.error()});
+      notes.solid = *solid;
+      return {};
+    }
+    case ResultFormat::stl:
+    case ResultFormat::ply: {
+      const double chord = options.chord_mm > 0 ? options.chord_mm : 1e-4 * size_of(fit.function).maxCoeff();
+      const TriangleMesh mesh = mesh_of(fit.function, chord);
+      const std::string header = mesh_header(notes, chord);
+      return put(file, format == ResultFormat::stl ? binary_stl(mesh, header) : binary_ply(mesh, header));
+    }
+    case ResultFormat::surface_json:
+      return put(file, format_surface_json({fit.function, fit.surface, notes.name, notes.date, notes.simulated}));
+    case ResultFormat::report_json:
+      break;
+  }
+  return put(file, format_report(fit, notes));
+}
+
+tl::expected<std::vector<std::string>, ResultError> write_results(const RangeFit& fit,
+                                                                  const std::vector<ResultFormat>& formats,
+                                                                  const std::filesystem::path& folder,
+                                                                  ResultNotes& notes, const ResultOptions& options) {
+  std::error_code code;
+  if (std::filesystem::exists(folder, code)) {
+    return tl::make_unexpected(
+        ResultError{2, "The result folder " + folder.string() + " exists already; name another one or remove it."});
+  }
+  const std::filesystem::path staging = folder.string() + ".part";
+  std::filesystem::remove_all(staging, code);  // of a run that was killed
+  if (!std::filesystem::create_directories(staging, code) && code) {
+    return system_error("Creating", staging, code.value());
+  }
+  Beside guard(staging);
+
+  std::vector<std::string> names;
+  auto start = std::chrono::steady_clock::now();
+  for (const ResultFormat format :
+       kFormats) {  // in this order: the CAD file is what is waited for, the report tells of all
+    const bool wanted = std::find(formats.begin(), formats.end(), format) != formats.end();
+    if (!wanted && format != ResultFormat::report_json) continue;
+    if (format == ResultFormat::report_json) notes.seconds.push_back({"files", seconds_since(start)});
+    names.push_back(file_name(format, notes.name));
+    if (auto written = write_result(fit, format, staging / names.back(), notes, options); !written) {
+      return tl::make_unexpected(written.error());
+    }
+    if (format == ResultFormat::step) {
+      notes.seconds.push_back({"step", seconds_since(start)});
+      start = std::chrono::steady_clock::now();
+    }
+  }
+  if (const int failed = sync_folder(staging); failed != 0) return system_error("Syncing", staging, failed);
+  if (::rename(staging.c_str(), folder.c_str()) != 0) return system_error("Naming the result folder", folder, errno);
+  guard.keep();
+  const auto parent = std::filesystem::absolute(folder, code).parent_path();
+  if (const int failed = sync_folder(parent); failed != 0) return system_error("Syncing", parent, failed);
+  return names;
+}
+
+}  // namespace celadon

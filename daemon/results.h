@@ -1,0 +1,49 @@
+#pragma once
+// The files of a finished fit under their final names. Folder and files: RESULTS.md.
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "daemon/report.h"
+#include "fitting/range_fit.h"
+
+namespace celadon {
+
+enum class ResultFormat { step, stl, ply, surface_json, report_json };
+
+/// "step", "stl", "ply", "surface.json", "report.json".
+const char* to_string(ResultFormat format);
+std::optional<ResultFormat> result_format_from(std::string_view text);
+/// By the end of a file name: .step .stp .stl .ply; report.json and *.report.json; any other .json is a surface.
+std::optional<ResultFormat> result_format_of(const std::filesystem::path& file);
+
+struct ResultOptions {
+  bool ap214 = false;   ///< STEP AP242 otherwise
+  double chord_mm = 0;  ///< of the meshes; 0: 1e-4 of the largest extent
+};
+
+/// One sentence with file, cause and remedy; exit code 2 for a name that cannot be used, 4 otherwise.
+struct ResultError {
+  int exit_code = 4;
+  std::string message;
+};
+
+/// Writes one file of a fit: beside, synced, renamed. A STEP file sets notes.solid.
+tl::expected<void, ResultError> write_result(const RangeFit& fit, ResultFormat format,
+                                             const std::filesystem::path& file, ResultNotes& notes,
+                                             const ResultOptions& options = {});
+
+/// Writes the files of `formats` (STEP first) and report.json into `folder`, which must not exist and appears whole or
+/// not at all. Stages "step" and "files" are added to notes.seconds. @returns the names in `folder`
+tl::expected<std::vector<std::string>, ResultError> write_results(const RangeFit& fit,
+                                                                  const std::vector<ResultFormat>& formats,
+                                                                  const std::filesystem::path& folder,
+                                                                  ResultNotes& notes,
+                                                                  const ResultOptions& options = {});
+
+}  // namespace celadon

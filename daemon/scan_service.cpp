@@ -1,0 +1,188 @@
+#include "daemon/scan_service.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include <nlohmann/json.hpp>
+
+namespace celadon {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::size_t kLongestName = 64;
+constexpr int kFewestProfiles = 16, kMostProfiles = 100'000;
+constexpr double kLongestExposure_ms = 1000, kLargestTolerance_mm = 100;
+constexpr std::array<const char*, 5> kModels = {"auto", "cylinder", "revolution", "translational", "general"};
+constexpr std::array<const char*, 4> kFormats = {"step", "stl", "ply", "surface.json"};
+
+const char* to_text(ScanMode mode) {
+  return mode == ScanMode::step ? "step" : "sweep";
+}
+
+json request_json(const ScanRequest& request) {
+  json j = {{"name", request.name},         {"mode", to_text(request.mode)},
+            {"profiles", request.profiles}, {"exposure_ms", request.exposure_ms},
+            {"model", request.model},       {"tolerance_mm", request.tolerance_mm},
+            {"degree_u", request.degree_u}, {"degree_v", request.degree_v},
+            {"formats", request.formats}};
+  if (request.form_tolerance_mm) j["form_tolerance_mm"] = *request.form_tolerance_mm;
+  return j;
+}
+
+json progress_json(const ScanProgress& p) {
+  return {{"angle_deg", p.angle_deg},
+          {"fraction", p.fraction},
+          {"frames", p.frames},
+          {"frames_expected", p.frames_expected},
+          {"frames_lost", p.frames_lost},
+          {"stale_frames", p.stale_frames},
+          {"frames_per_second", p.frames_per_second},
+          {"samples", p.samples},
+          {"rejected", p.rejected},
+          {"fit_rms_mm", p.fit_rms_mm ? json(*p.fit_rms_mm) : json(nullptr)},
+          {"seconds_left", p.seconds_left}};
+}
+
+struct Refusal {
+  std::string detail;
+};
+
+std::string short_dump(const json& value) {
+  std::string text = value.dump(-1, ' ', true, json::error_handler_t::replace);
+  if (text.size() > 60) text = text.substr(0, 57) + "...";
+  return text;
+}
+
+[[noreturn]] void refuse(const std::string& field, const json& value, const std::string& allowed) {
+  throw Refusal{field + " is " + short_dump(value) + "; give " + allowed + "."};
+}
+
+std::string text_field(const std::string& field, const json& value, const std::string& allowed) {
+  if (!value.is_string()) refuse(field, value, allowed);
+  return value.get<std::string>();
+}
+
+template <std::size_t N>
+std::string one_of(const std::string& field, const json& value, const std::array<const char*, N>& names) {
+  std::string allowed = "one of";
+  for (const char* name : names) allowed += std::string(name == names.front() ? " " : ", ") + name;
+  const std::string text = text_field(field, value, allowed);
+  if (std::find(names.begin(), names.end(), text) == names.end()) refuse(field, value, allowed);
+  return text;
+}
+
+int whole_field(const std::string& field, const json& value, int low, int high) {
+  const std::string allowed = "a whole number from " + std::to_string(low) + " to " + std::to_string(high);
+  if (!value.is_number_integer()) refuse(field, value, allowed);
+  // An unsigned value beyond the signed range would turn negative when read as signed.
+  if (value.is_number_unsigned() && value.get<std::uint64_t>() > static_cast<std::uint64_t>(high)) {
+    refuse(field, value, allowed);
+  }
+  const auto number = value.get<std::int64_t>();
+  if (number < low || number > high) refuse(field, value, allowed);
+  return static_cast<int>(number);
+}
+
+double number_field(const std::string& field, const json& value, double high, const char* unit) {
+  const std::string allowed = "a number from 0 to " + std::to_string(static_cast<int>(high)) + " " + unit;
+  if (!value.is_number()) refuse(field, value, allowed);
+  const auto number = value.get<double>();
+  if (!std::isfinite(number) || number < 0 || number > high) refuse(field, value, allowed);
+  return number;
+}
+
+std::string name_field(const json& value) {
+  const std::string allowed = "at most 64 letters, digits, '-', '_', '.' and blanks, not starting with '.' or a blank";
+  const std::string name = text_field("name", value, allowed);
+  const bool good = std::all_of(name.begin(), name.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
+           c == '.' || c == ' ';
+  });
+  if (!good || name.size() > kLongestName || (!name.empty() && (name.front() == '.' || name.front() == ' '))) {
+    refuse("name", value, allowed);
+  }
+  return name;
+}
+
+void read_field(ScanRequest& request, const std::string& field, const json& value) {
+  if (field == "name") {
+    request.name = name_field(value);
+  } else if (field == "mode") {
+    const std::array<const char*, 2> modes = {"step", "sweep"};
+    request.mode = one_of(field, value, modes) == "step" ? ScanMode::step : ScanMode::sweep;
+  } else if (field == "profiles") {
+    request.profiles = whole_field(field, value, kFewestProfiles, kMostProfiles);
+  } else if (field == "exposure_ms") {
+    request.exposure_ms = number_field(field, value, kLongestExposure_ms, "ms");
+  } else if (field == "model") {
+    request.model = one_of(field, value, kModels);
+  } else if (field == "tolerance_mm") {
+    request.tolerance_mm = number_field(field, value, kLargestTolerance_mm, "mm");
+  } else if (field == "form_tolerance_mm") {
+    if (value.is_null()) return;
+    request.form_tolerance_mm = number_field(field, value, kLargestTolerance_mm, "mm");
+  } else if (field == "degree_u") {
+    request.degree_u = whole_field(field, value, 1, 5);
+  } else if (field == "degree_v") {
+    request.degree_v = whole_field(field, value, 1, 5);
+  } else if (field == "formats") {
+    if (!value.is_array()) refuse(field, value, "a list of step, stl, ply, surface.json");
+    request.formats.clear();
+    for (const json& entry : value) {
+      const std::string format = one_of("formats", entry, kFormats);
+      if (std::find(request.formats.begin(), request.formats.end(), format) == request.formats.end()) {
+        request.formats.push_back(format);
+      }
+    }
+  } else {
+    throw Refusal{"'" + field.substr(0, 60) +
+                  "' is not a field of a scan request; give name, mode, profiles, exposure_ms, model, tolerance_mm, "
+                  "form_tolerance_mm, degree_u, degree_v or formats."};
+  }
+}
+
+}  // namespace
+
+json to_json(const ScanRecord& record) {
+  return {{"id", record.id},
+          {"request", request_json(record.request)},
+          {"requested_by", record.requested_by},
+          {"state", to_string(record.state)},
+          {"reason", record.reason},
+          {"created", record.created},
+          {"progress", progress_json(record.progress)},
+          {"simulated", record.simulated},
+          {"folder", record.folder.string()},
+          {"files", record.files}};
+}
+
+json to_json(const MachineState& machine) {
+  return {{"connected", machine.connected},
+          {"machine", machine.machine},
+          {"device_url", machine.device_url},
+          {"camera_url", machine.camera_url},
+          {"error", machine.error},
+          {"simulated", machine.simulated},
+          {"motion", machine.motion},
+          {"angle_deg", machine.angle_deg},
+          {"interlock_closed", machine.interlock_closed},
+          {"laser_on", machine.laser_on},
+          {"fault", machine.fault},
+          {"state", to_string(machine.state)},
+          {"current_scan", machine.current_scan}};
+}
+
+tl::expected<ScanRequest, ServiceError> scan_request_from_json(const json& body) {
+  ScanRequest request;
+  try {
+    if (!body.is_object()) refuse("The scan request", body, "a JSON object, {} for the defaults");
+    for (const auto& [field, value] : body.items()) read_field(request, field, value);
+  } catch (const Refusal& refusal) {
+    return tl::make_unexpected(ServiceError{422, "invalid scan request", refusal.detail});
+  }
+  return request;
+}
+
+}  // namespace celadon

@@ -1,0 +1,319 @@
+#include "daemon/surface_json.h"
+
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <system_error>
+
+#include <nlohmann/json.hpp>
+
+namespace celadon {
+namespace {
+
+using nlohmann::json;
+
+// --- writing: own, because arrays of numbers want one row a line and exactly shortest decimals ---
+
+void put(std::string& out, double value) {
+  char buffer[32];
+  const auto end = std::to_chars(buffer, buffer + sizeof buffer, value).ptr;
+  out.append(buffer, end);
+}
+
+template <class Range>
+void put_array(std::string& out, const Range& values) {
+  out += '[';
+  bool first = true;
+  for (const double value : values) {
+    if (!std::exchange(first, false)) out += ", ";
+    put(out, value);
+  }
+  out += ']';
+}
+
+template <class Row>
+void put_rows(std::string& out, Eigen::Index count, const char* indent, Row&& row) {
+  out += '[';
+  for (Eigen::Index i = 0; i < count; ++i) {
+    out += i == 0 ? "\n" : ",\n";
+    out += indent;
+    row(i);
+  }
+  out += ']';
+}
+
+std::string quoted(const std::string& text) {
+  return json(text).dump(-1, ' ', false, json::error_handler_t::replace);
+}
+
+// --- reading: every access says where it is ---
+
+struct Problem {
+  std::string text;
+};
+
+class Reader {
+ public:
+  Reader(const json& value, std::string place) : value_(value), place_(std::move(place)) {}
+
+  Reader at(const char* name) const {
+    if (!value_.is_object()) fail("is not an object");
+    const auto found = value_.find(name);
+    if (found == value_.end()) throw Problem{"the field " + path(name) + " is missing"};
+    return {*found, path(name)};
+  }
+  Reader at(std::size_t index) const { return {value_[index], place_ + "[" + std::to_string(index) + "]"}; }
+  std::size_t size() const {
+    if (!value_.is_array()) fail("is not a list");
+    return value_.size();
+  }
+  double number() const {
+    if (!value_.is_number()) fail("is not a number");
+    const auto x = value_.get<double>();
+    if (!std::isfinite(x)) fail("is not finite");
+    return x;
+  }
+  int whole(int low, int high) const {
+    if (!value_.is_number_integer()) fail("is not a whole number");
+    const auto x = value_.get<std::int64_t>();
+    if (x < low || x > high) {
+      fail("is " + value_.dump() + ", outside " + std::to_string(low) + " .. " + std::to_string(high));
+    }
+    return static_cast<int>(x);
+  }
+  bool boolean() const {
+    if (!value_.is_boolean()) fail("is neither true nor false");
+    return value_.get<bool>();
+  }
+  std::string text() const {
+    if (!value_.is_string()) fail("is not a text");
+    return value_.get<std::string>();
+  }
+  std::vector<double> numbers() const {
+    std::vector<double> out(size());
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] = at(i).number();
+    return out;
+  }
+  std::vector<double> numbers(std::size_t count) const {
+    if (size() != count) fail("has " + std::to_string(size()) + " numbers instead of " + std::to_string(count));
+    return numbers();
+  }
+  Eigen::Vector3d vector() const {
+    const auto v = numbers(3);
+    return {v[0], v[1], v[2]};
+  }
+  [[noreturn]] void fail(const std::string& what) const { throw Problem{"the field " + place_ + " " + what}; }
+
+ private:
+  std::string path(const char* name) const { return place_.empty() ? name : place_ + "." + name; }
+  const json& value_;
+  std::string place_;
+};
+
+/// A clamped ascending knot vector over [low, high].
+std::vector<double> read_knots(const Reader& field, int degree, std::optional<double> low, std::optional<double> high) {
+  auto knots = field.numbers();
+  const auto p = static_cast<std::size_t>(degree);
+  if (knots.size() < 2 * (p + 1)) {
+    field.fail("has " + std::to_string(knots.size()) + " knots, fewer than degree " + std::to_string(degree) +
+               " needs");
+  }
+  for (std::size_t i = 1; i < knots.size(); ++i) {
+    if (knots[i] < knots[i - 1]) field.fail("descends at index " + std::to_string(i));
+  }
+  if (knots[p] != knots.front() || knots[knots.size() - 1 - p] != knots.back() || knots.front() == knots.back()) {
+    field.fail("is not clamped for degree " + std::to_string(degree));
+  }
+  for (std::size_t i = p + 1; i + p + 2 < knots.size(); ++i) {
+    if (knots[i] == knots[i + p + 1]) field.fail("repeats a knot more than degree + 1 times");
+  }
+  if ((low && knots.front() != *low) || (high && knots.back() != *high))
+    field.fail("does not span its parameter range");
+  return knots;
+}
+
+BaseCylinder read_base(const Reader& field) {
+  if (field.at("kind").text() != "cylinder") {
+    field.at("kind").fail("is \"" + field.at("kind").text() + "\"; this program reads \"cylinder\"");
+  }
+  BaseCylinder base;
+  base.z_start_mm = field.at("z_start_mm").number();
+  base.z_end_mm = field.at("z_end_mm").number();
+  if (!(base.z_start_mm < base.z_end_mm)) field.at("z_end_mm").fail("is not above z_start_mm");
+  const int arcs = field.at("arcs").whole(1, 4);
+  const double arc = field.at("arc_rad").number(), start = field.at("start_rad").number();
+  if (field.at("closed").boolean()) {
+    base.arcs = BaseArcs::full_circle();
+  } else {
+    if (!(arc > 0) || arc * arcs > 2 * M_PI * (1 + 1e-12)) field.at("arc_rad").fail("is outside (0, 2 pi / arcs]");
+    base.arcs = BaseArcs::open(start, std::min(arc * arcs, 2 * M_PI));
+  }
+  if (base.arcs.count() != arcs || std::abs(base.arcs.arc_rad() - arc) > 1e-9) {
+    field.at("arcs").fail("and arc_rad do not describe equal arcs of at most 90 degrees");
+  }
+  const Reader frame = field.at("frame");
+  base.X_WB.translation() = frame.at("origin").vector();
+  base.X_WB.linear().col(0) = frame.at("x").vector();
+  base.X_WB.linear().col(1) = frame.at("y").vector();
+  base.X_WB.linear().col(2) = frame.at("z").vector();
+  const Eigen::Matrix3d R = base.X_WB.linear();
+  if ((R.transpose() * R - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-9 || R.determinant() < 0) {
+    frame.fail("is not right-handed and orthonormal");
+  }
+  return base;
+}
+
+RangeFunction read_function(const Reader& field, const BaseCylinder& base) {
+  const int p = field.at("degree_u").whole(0, 9), q = field.at("degree_v").whole(0, 9);
+  auto knots_u = read_knots(field.at("knots_u"), p, 0., 1.);
+  auto knots_v = read_knots(field.at("knots_v"), q, 0., double(base.arcs.count()));
+  const auto rows = knots_u.size() - static_cast<std::size_t>(p) - 1,
+             columns = knots_v.size() - static_cast<std::size_t>(q) - 1;
+  const Reader coefficients = field.at("coefficients");
+  if (coefficients.size() != rows) {
+    coefficients.fail("has " + std::to_string(coefficients.size()) + " rows; its knots ask for " +
+                      std::to_string(rows));
+  }
+  Eigen::MatrixXd f(static_cast<Eigen::Index>(rows), static_cast<Eigen::Index>(columns));
+  for (std::size_t i = 0; i < rows; ++i) {
+    const auto row = coefficients.at(i).numbers(columns);
+    f.row(static_cast<Eigen::Index>(i)) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), f.cols());
+  }
+  return {base, p, q, std::move(knots_u), std::move(knots_v), std::move(f)};
+}
+
+NurbsSurface read_surface(const Reader& field) {
+  NurbsSurface s;
+  s.degree_u = field.at("degree_u").whole(1, 12);
+  s.degree_v = field.at("degree_v").whole(1, 12);
+  s.closed_v = field.at("closed_v").boolean();
+  s.knots_u = read_knots(field.at("knots_u"), s.degree_u, {}, {});
+  s.knots_v = read_knots(field.at("knots_v"), s.degree_v, {}, {});
+  const Reader points = field.at("control_points");
+  const auto rows = static_cast<std::size_t>(s.count_u()), columns = static_cast<std::size_t>(s.count_v());
+  if (points.size() != rows) {
+    points.fail("has " + std::to_string(points.size()) + " rows; its knots ask for " + std::to_string(rows));
+  }
+  s.control_points.resize(4, static_cast<Eigen::Index>(rows * columns));
+  for (std::size_t i = 0; i < rows; ++i) {
+    const Reader row = points.at(i);
+    if (row.size() != columns) {
+      row.fail("has " + std::to_string(row.size()) + " points; its knots ask for " + std::to_string(columns));
+    }
+    for (std::size_t j = 0; j < columns; ++j) {
+      const auto c = row.at(j).numbers(4);
+      if (!(c[3] > 0)) row.at(j).fail("has a weight that is not positive");
+      s.control_points.col(static_cast<Eigen::Index>(i * columns + j)) << c[0], c[1], c[2], c[3];
+    }
+  }
+  return s;
+}
+
+}  // namespace
+
+std::string format_surface_json(const SurfaceFile& file) {
+  const NurbsSurface& s = file.surface;
+  const RangeFunction& f = file.function;
+  const BaseCylinder& base = f.base();
+  std::string out;
+  out.reserve(static_cast<std::size_t>(s.control_points.cols()) * 90 + 4096);
+  out +=
+      "{\n  \"format\": \"celadon-surface\",\n  \"version\": 1,\n  \"units\": {\"length\": \"mm\", \"angle\": "
+      "\"rad\"},\n";
+  out += "  \"name\": " + quoted(file.name) + ",\n  \"date\": " + quoted(file.date) +
+         ",\n  \"simulated\": " + (file.simulated ? "true" : "false") + ",\n";
+
+  out += "  \"surface\": {\n    \"degree_u\": " + std::to_string(s.degree_u) +
+         ",\n    \"degree_v\": " + std::to_string(s.degree_v) +
+         ",\n    \"closed_v\": " + (s.closed_v ? "true" : "false") + ",\n    \"knots_u\": ";
+  put_array(out, s.knots_u);
+  out += ",\n    \"knots_v\": ";
+  put_array(out, s.knots_v);
+  out += ",\n    \"control_points\": ";
+  put_rows(out, s.count_u(), "      ", [&](Eigen::Index i) {
+    put_rows(out, s.count_v(), "       ", [&](Eigen::Index j) {
+      put_array(out, Eigen::Vector4d(s.control_point(static_cast<int>(i), static_cast<int>(j))));
+    });
+  });
+
+  out += "\n  },\n  \"range_function\": {\n    \"degree_u\": " + std::to_string(f.degree_u()) +
+         ",\n    \"degree_v\": " + std::to_string(f.degree_v()) + ",\n    \"knots_u\": ";
+  put_array(out, f.knots_u());
+  out += ",\n    \"knots_v\": ";
+  put_array(out, f.knots_v());
+  out += ",\n    \"coefficients\": ";
+  put_rows(out, f.coefficients().rows(), "      ",
+           [&](Eigen::Index i) { put_array(out, Eigen::VectorXd(f.coefficients().row(i))); });
+
+  out += "\n  },\n  \"base\": {\n    \"kind\": \"cylinder\",\n    \"z_start_mm\": ";
+  put(out, base.z_start_mm);
+  out += ",\n    \"z_end_mm\": ";
+  put(out, base.z_end_mm);
+  out += ",\n    \"arcs\": " + std::to_string(base.arcs.count()) + ",\n    \"arc_rad\": ";
+  put(out, base.arcs.arc_rad());
+  out += ",\n    \"start_rad\": ";
+  put(out, base.arcs.start_rad());
+  out += std::string(",\n    \"closed\": ") + (base.arcs.closed() ? "true" : "false") + ",\n    \"knots\": ";
+  put_array(out, base.arcs.knots());
+  out += ",\n    \"control_points\": ";
+  const Eigen::MatrixX3d arcs = base.arcs.control_points();
+  put_rows(out, arcs.rows(), "      ", [&](Eigen::Index i) { put_array(out, Eigen::Vector3d(arcs.row(i))); });
+  out += ",\n    \"frame\": {\"origin\": ";
+  put_array(out, Eigen::Vector3d(base.X_WB.translation()));
+  const char* axes[] = {"x", "y", "z"};
+  for (int k = 0; k < 3; ++k) {
+    out += std::string(", \"") + axes[k] + "\": ";
+    put_array(out, Eigen::Vector3d(base.X_WB.linear().col(k)));
+  }
+  out += "}\n  }\n}\n";
+  return out;
+}
+
+tl::expected<SurfaceFile, std::string> parse_surface_json(const std::string& text, const std::string& source) {
+  const auto problem = [&](const std::string& what) {
+    return tl::make_unexpected(source + ": " + what + "; give a surface.json that celadon wrote.");
+  };
+  json root;
+  try {
+    root = json::parse(text);
+  } catch (const json::exception& e) {
+    return problem(std::string("it is not JSON (") + e.what() + ")");
+  }
+  try {
+    const Reader reader(root, "");
+    if (reader.at("format").text() != "celadon-surface") reader.at("format").fail("is not \"celadon-surface\"");
+    if (reader.at("version").whole(0, 1'000'000) != 1) {
+      reader.at("version").fail("is " + root["version"].dump() + "; this program reads version 1");
+    }
+    const BaseCylinder base = read_base(reader.at("base"));
+    return SurfaceFile{read_function(reader.at("range_function"), base), read_surface(reader.at("surface")),
+                       reader.at("name").text(), reader.at("date").text(), reader.at("simulated").boolean()};
+  } catch (const Problem& p) {
+    return problem(p.text);
+  }
+}
+
+tl::expected<SurfaceFile, std::string> read_surface_json(const std::filesystem::path& file) {
+  constexpr std::uintmax_t kLargest = 256u << 20;
+  std::error_code code;
+  const auto size = std::filesystem::file_size(file, code);
+  if (code) {
+    return tl::make_unexpected(file.string() + " cannot be read: " + code.message() +
+                               "; give an existing surface.json.");
+  }
+  if (size > kLargest) {
+    return tl::make_unexpected(file.string() + " has " + std::to_string(size) +
+                               " bytes; surface.json files have at most " + std::to_string(kLargest) + ".");
+  }
+  std::ifstream in(file, std::ios::binary);
+  std::string text(static_cast<std::size_t>(size), '\0');
+  if (!in.read(text.data(), static_cast<std::streamsize>(size))) {
+    return tl::make_unexpected(file.string() + " cannot be read: " + std::strerror(errno) +
+                               "; check its permissions and the disk.");
+  }
+  return parse_surface_json(text, file.string());
+}
+
+}  // namespace celadon
