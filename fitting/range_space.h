@@ -29,6 +29,9 @@ class RangeSpace {
   static RangeSpace closed(int degree, const BaseArcs& arcs, int intervals_per_arc,
                            JointContinuity continuity = JointContinuity::curvature);
 
+  /// The same over any breaks: ascending from 0 to arcs.count(), every joint among them.
+  static RangeSpace closed(int degree, const BaseArcs& arcs, std::vector<double> breaks, JointContinuity continuity);
+
   int degree() const { return degree_; }
   bool periodic() const { return periodic_; }
   /// Distinct knots; intervals() + 1 of them.
@@ -49,12 +52,15 @@ class RangeSpace {
   std::span<const double> polynomial(int interval, int a) const;
 
  private:
+  RangeSpace() = default;
+  void extract_simple_periodic();
+  void extract_curvature_continuous(const BaseArcs& arcs);
   void tabulate();
   int degree_ = 0;
   bool periodic_ = false;
   std::vector<double> breaks_, knots_;
   Eigen::SparseMatrix<double> extraction_;
-  std::vector<int> active_first_;   // prefix sums into active_
+  std::vector<int> active_first_;  // prefix sums into active_
   std::vector<int> active_;
   std::vector<double> polynomial_;  // (degree + 1) per active function, interval by interval
 };

@@ -1,0 +1,251 @@
+#include "fitting/range_space.h"
+
+#include <algorithm>
+#include <cmath>
+#include <set>
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+#include "fitting/bspline_basis.h"
+#include "fitting/knots.h"
+
+namespace celadon {
+namespace {
+
+using Triplets = std::vector<Eigen::Triplet<double>>;
+
+void require_degree(int degree) {
+  if (degree < 1 || degree > 5) {
+    throw std::invalid_argument("RangeSpace: degree " + std::to_string(degree) + " is not within 1..5");
+  }
+}
+
+void require_ascending(const std::vector<double>& breaks) {
+  bool good = breaks.size() >= 2 && std::isfinite(breaks.front()) && std::isfinite(breaks.back());
+  for (std::size_t i = 1; i < breaks.size(); ++i) good = good && breaks[i - 1] < breaks[i];
+  if (!good) throw std::invalid_argument("RangeSpace: breaks must be finite, strictly ascending and at least two");
+}
+
+Eigen::SparseMatrix<double> identity(int n) {
+  Eigen::SparseMatrix<double> E(n, n);
+  E.setIdentity();
+  return E;
+}
+
+}  // namespace
+
+RangeSpace RangeSpace::constant(std::vector<double> breaks) {
+  require_ascending(breaks);
+  RangeSpace space;
+  space.knots_ = {breaks.front(), breaks.back()};
+  space.breaks_ = std::move(breaks);
+  space.extraction_ = identity(1);
+  space.tabulate();
+  return space;
+}
+
+RangeSpace RangeSpace::open(int degree, std::vector<double> breaks) {
+  require_degree(degree);
+  require_ascending(breaks);
+  RangeSpace space;
+  space.degree_ = degree;
+  space.knots_ = clamped_knots(degree, breaks);
+  space.breaks_ = std::move(breaks);
+  space.extraction_ = identity(space.intervals() + degree);
+  space.tabulate();
+  return space;
+}
+
+RangeSpace RangeSpace::closed(int degree, const BaseArcs& arcs, int intervals_per_arc, JointContinuity continuity) {
+  if (intervals_per_arc < 1) {
+    throw std::invalid_argument("RangeSpace::closed: " + std::to_string(intervals_per_arc) + " intervals an arc");
+  }
+  std::vector<double> breaks;
+  for (int j = 0; j < arcs.count(); ++j) {
+    for (int k = 0; k < intervals_per_arc; ++k) breaks.push_back(j + static_cast<double>(k) / intervals_per_arc);
+  }
+  breaks.push_back(arcs.count());
+  return closed(degree, arcs, std::move(breaks), continuity);
+}
+
+RangeSpace RangeSpace::closed(int degree, const BaseArcs& arcs, std::vector<double> breaks,
+                              JointContinuity continuity) {
+  require_degree(degree);
+  require_ascending(breaks);
+  if (!arcs.closed()) throw std::invalid_argument("RangeSpace::closed: the base arcs are open");
+  bool joints = breaks.front() == 0 && breaks.back() == arcs.count();
+  for (int j = 1; j < arcs.count(); ++j) joints = joints && std::binary_search(breaks.begin(), breaks.end(), j);
+  if (!joints) throw std::invalid_argument("RangeSpace::closed: breaks must run over the arcs and hold every joint");
+  RangeSpace space;
+  space.degree_ = degree;
+  space.periodic_ = true;
+  space.breaks_ = std::move(breaks);
+  if (degree < 3 || continuity == JointContinuity::thesis) {
+    space.extract_simple_periodic();
+  } else {
+    space.extract_curvature_continuous(arcs);
+  }
+  space.tabulate();
+  return space;
+}
+
+// Periodic B-splines over the endlessly repeated breaks (3.9), then both ends clamped by knot insertion. Free function
+// k is centred, by its Greville abscissa, in ascending order from the first one at or after the seam.
+void RangeSpace::extract_simple_periodic() {
+  const int n = intervals();
+  const double period = breaks_.back() - breaks_.front();
+  std::vector<double> endless;  // breaks -degree ... n + degree
+  for (int k = -degree_; k <= n + degree_; ++k) {
+    const int turn = (k >= 0 ? k : k - n + 1) / n;
+    endless.push_back(breaks_[static_cast<std::size_t>(k - turn * n)] + turn * period);
+  }
+  std::vector<double> added(static_cast<std::size_t>(degree_ - 1), breaks_.front());
+  added.insert(added.end(), static_cast<std::size_t>(degree_ - 1), breaks_.back());
+  const Refinement refined = insert_knots(endless, degree_, added);
+
+  knots_ = clamped_knots(degree_, breaks_);
+  // With multiplicity `degree` at both ends the coefficients there are the values: rows degree_ - 1 onward.
+  const int first = degree_ - 1, count = n + degree_;
+  const int shift = (degree_ + 1) / 2;  // endless coefficient i belongs to free function (i - shift) mod n
+  Triplets entries;
+  for (int i = 0; i < count; ++i) {
+    for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator it(refined.map, first + i); it; ++it) {
+      const int free = ((static_cast<int>(it.col()) - shift) % n + n) % n;
+      entries.emplace_back(i, free, it.value());
+    }
+  }
+  extraction_.resize(count, n);
+  extraction_.setFromTriplets(entries.begin(), entries.end());
+}
+
+// Multiplicity degree - 1 at every joint, and F''(v+) - F''(v-) = 4 (1 - w) F'(v) there: r(theta) is C2 exactly.
+// README.md, "Range space", has the derivation of a and b.
+void RangeSpace::extract_curvature_continuous(const BaseArcs& arcs) {
+  const int q = degree_, joints = arcs.count();
+  const double quarter_sin = std::sin(arcs.arc_rad() / 4);
+  const double jump = 8 * quarter_sin * quarter_sin;  // J = 4 (1 - w)
+
+  std::vector<int> at(static_cast<std::size_t>(joints) + 1);  // index of each joint among the breaks
+  Breaks with_multiplicity{breaks_, std::vector<int>(breaks_.size(), 1)};
+  for (int j = 0; j <= joints; ++j) {
+    const auto found = std::lower_bound(breaks_.begin(), breaks_.end(), static_cast<double>(j));
+    at[static_cast<std::size_t>(j)] = static_cast<int>(found - breaks_.begin());
+    with_multiplicity.multiplicities[static_cast<std::size_t>(at[static_cast<std::size_t>(j)])] = q - 1;
+  }
+  knots_ = clamped_knots(q, with_multiplicity);
+
+  struct Joint {
+    double a1, b1;  // knot spacings next to it, left and right
+    double a, b;    // c-1 = (1 - a) d + a c-2,  c1 = (1 - b) d + b c2
+    int right;      // clamped index of c1
+    int free;       // index of d
+    bool coupled;   // the arc that starts here has one interval and two coefficients: c2 is the next joint's c-1
+  };
+  std::vector<Joint> joint(static_cast<std::size_t>(joints));
+  const auto spacing = [&](int interval) {
+    return breaks_[static_cast<std::size_t>(interval) + 1] - breaks_[static_cast<std::size_t>(interval)];
+  };
+  int right = 1, free = 0;
+  for (int j = 0; j < joints; ++j) {
+    const auto J = static_cast<std::size_t>(j);
+    const int first = at[J], length = at[J + 1] - first;
+    const auto before = static_cast<std::size_t>((j + joints - 1) % joints);
+    const int last = at[before + 1] - 1, length_before = at[before + 1] - at[before];
+    const double a1 = spacing(last), a2 = length_before > 1 ? spacing(last - 1) : 0;
+    const double b1 = spacing(first), b2 = length > 1 ? spacing(first + 1) : 0;
+    const double P = (q - 1) / (b1 * (b1 + b2)), Q = (q - 1) / (a1 * (a1 + a2));
+    const double R = ((q - 1) * (1 / a1 + 1 / b1) + jump) / (a1 + b1);
+    const int inner = length + q - 4;  // coefficients of the arc other than c1 and the next c-1
+    joint[J] = {a1, b1, Q / (Q + R), P / (P + R), right, free, inner == 0};
+    right += inner + 2;
+    free += inner + 1;
+  }
+
+  const int count = right + 1;
+  Triplets entries;
+  std::vector<std::pair<int, double>> seam;  // F(0) = F(4) = (b1 c-1 + a1 c1)/(a1 + b1)
+  const auto put = [&](int row, int column, double value, double in_seam) {
+    entries.emplace_back(row, column, value);
+    if (in_seam != 0) seam.emplace_back(column, in_seam * value);
+  };
+  for (int j = 0; j < joints; ++j) {
+    const Joint& here = joint[static_cast<std::size_t>(j)];
+    const Joint& next = joint[static_cast<std::size_t>((j + 1) % joints)];
+    const int left = (j + 1 < joints ? next.right : count - 1) - 1;  // clamped index of the next joint's c-1
+    const double in_seam_right = j == 0 ? here.a1 / (here.a1 + here.b1) : 0;
+    const double in_seam_left = j + 1 == joints ? next.b1 / (next.a1 + next.b1) : 0;
+    const double a = next.a, b = here.b;
+    if (here.coupled) {
+      put(here.right, here.free, (1 - b) / (1 - a * b), in_seam_right);
+      put(here.right, next.free, b * (1 - a) / (1 - a * b), in_seam_right);
+      put(left, next.free, (1 - a) / (1 - a * b), in_seam_left);
+      put(left, here.free, a * (1 - b) / (1 - a * b), in_seam_left);
+    } else {
+      put(here.right, here.free, 1 - b, in_seam_right);
+      put(here.right, here.free + 1, b, in_seam_right);
+      for (int k = here.right + 1; k < left; ++k) put(k, here.free + k - here.right, 1, 0);
+      put(left, next.free, 1 - a, in_seam_left);
+      put(left, here.free + left - here.right - 1, a, in_seam_left);
+    }
+  }
+  for (const auto& [column, value] : seam) {
+    entries.emplace_back(0, column, value);
+    entries.emplace_back(count - 1, column, value);
+  }
+  extraction_.resize(count, free);
+  extraction_.setFromTriplets(entries.begin(), entries.end());
+}
+
+std::span<const int> RangeSpace::active(int interval) const {
+  const auto k = static_cast<std::size_t>(interval);
+  const auto first = static_cast<std::size_t>(active_first_[k]), end = static_cast<std::size_t>(active_first_[k + 1]);
+  return {active_.data() + first, end - first};
+}
+
+std::span<const double> RangeSpace::polynomial(int interval, int a) const {
+  const auto order = static_cast<std::size_t>(degree_) + 1;
+  const auto index = static_cast<std::size_t>(active_first_[static_cast<std::size_t>(interval)] + a);
+  return {polynomial_.data() + index * order, order};
+}
+
+void RangeSpace::tabulate() {
+  const Eigen::SparseMatrix<double, Eigen::RowMajor> rows = extraction_;
+  const int q = degree_, n = free_count();
+  active_first_ = {0};
+  for (int interval = 0; interval < intervals(); ++interval) {
+    const double middle =
+        0.5 * (breaks_[static_cast<std::size_t>(interval)] + breaks_[static_cast<std::size_t>(interval) + 1]);
+    const int span = find_span(knots_, q, middle);
+    std::set<int> columns;
+    for (int i = span - q; i <= span; ++i) {
+      for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator it(rows, i); it; ++it) {
+        columns.insert(static_cast<int>(it.col()));
+      }
+    }
+    std::vector<int> active(columns.begin(), columns.end());
+    // Cyclically ascending: start behind the one gap.
+    for (std::size_t i = 1; i < active.size() && static_cast<int>(active.size()) < n; ++i) {
+      if (active[i] != active[i - 1] + 1) {
+        std::rotate(active.begin(), active.begin() + static_cast<std::ptrdiff_t>(i), active.end());
+        break;
+      }
+    }
+
+    const IntervalMatrix power = power_from_bezier(q) * bezier_conversion(knots_, q, span);
+    std::vector<double> table(active.size() * static_cast<std::size_t>(q + 1));
+    for (int i = 0; i <= q; ++i) {
+      for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator it(rows, span - q + i); it; ++it) {
+        const auto a = static_cast<std::size_t>(std::find(active.begin(), active.end(), static_cast<int>(it.col())) -
+                                                active.begin());
+        for (int k = 0; k <= q; ++k)
+          table[a * static_cast<std::size_t>(q + 1) + static_cast<std::size_t>(k)] += it.value() * power(k, i);
+      }
+    }
+    active_.insert(active_.end(), active.begin(), active.end());
+    polynomial_.insert(polynomial_.end(), table.begin(), table.end());
+    active_first_.push_back(static_cast<int>(active_.size()));
+  }
+}
+
+}  // namespace celadon
