@@ -1,6 +1,6 @@
 #pragma once
-#include <cstdint>
 #include <cerrno>
+#include <cstdint>
 #include <ctime>
 
 namespace celadon {

@@ -11,12 +11,13 @@
 
 #include "firmware_bridge/clock.h"
 #include "firmware_bridge/device_error.h"
+#include "firmware_bridge/protocol.h"
 #include "firmware_bridge/transport.h"
 
 namespace celadon {
 
 struct DeviceIdentity {
-  std::string machine;                 ///< vendor, model and serial number as one text; calibration files quote it
+  std::string machine;  ///< vendor, model and serial number as one text; calibration files quote it
   std::uint16_t protocol_major = 0, protocol_minor = 0, firmware_version = 0;
   bool simulated = false;
 };
@@ -25,30 +26,27 @@ struct DeviceCapabilities {
   int axes = 1, lasers = 1;
   bool endless_rotation = true;
   double travel_rad = 0, encoder_resolution_rad = 0, max_speed_rad_per_s = 0, max_acceleration_rad_per_s2 = 0;
-  int laser_class = 2;                 ///< 1, 2, 3 (3R), 4 (3B) as printed in PROTOCOL.md; read-only identity
-  std::int64_t lease_ms = 500;         ///< longest laser lease the controller grants
+  int laser_class = 2;          ///< 1, 2, 3 (3R), 4 (3B) as printed in PROTOCOL.md; read-only identity
+  std::int64_t lease_ms = 500;  ///< longest laser lease the controller grants
   bool host_watchdog = true;
 };
-
-enum class MotionState : std::uint16_t { unhomed = 0, homing = 1, standstill = 2, moving = 3, settling = 4, stopped = 5, fault = 6 };
-enum class LampPattern : std::uint16_t { off = 0, ready = 1, busy = 2, done = 3, attention = 4, fault = 5, warning = 6 };
 
 /// Everything one poll (one block read) brings.
 struct DeviceStatus {
   MotionState motion = MotionState::unhomed;
-  double angle_rad = 0;                ///< actual, unwrapped
+  double angle_rad = 0;  ///< actual, unwrapped
   double target_rad = 0;
   double speed_rad_per_s = 0;
   std::uint32_t position_counter = 0;
   std::uint64_t position_time_us = 0;  ///< controller's clock, of the position sample
   bool interlock_closed = false, emergency_stop = false;
-  std::uint16_t lasers_on = 0;         ///< bit per laser, as measured by the controller
+  std::uint16_t lasers_on = 0;  ///< bit per laser, as measured by the controller
   std::uint32_t lease_left_ms = 0;
   bool button_down = false;
-  std::uint16_t button_presses = 0;    ///< latched counter, wraps
+  std::uint16_t button_presses = 0;  ///< latched counter, wraps
   std::uint16_t fault_code = 0;
-  std::string fault_text;              ///< meaning of fault_code
-  std::int64_t host_before_ns = 0, host_after_ns = 0;   ///< around the exchange
+  std::string fault_text;                              ///< meaning of fault_code
+  std::int64_t host_before_ns = 0, host_after_ns = 0;  ///< around the exchange
 };
 
 /// What make_safe found and left.
@@ -56,14 +54,15 @@ struct SafeReport {
   std::uint16_t lasers_were_on = 0;
   MotionState motion_was = MotionState::unhomed;
   bool lasers_off = false, motor_stopped = false;
-  std::string text;                    ///< one sentence
+  std::string text;  ///< one sentence
 };
 
 class ScannerDevice {
  public:
   /// Connects, checks identity and protocol version, makes safe first.
-  static tl::expected<std::unique_ptr<ScannerDevice>, DeviceError> open(std::unique_ptr<Transport> transport, Clock& clock);
-  ~ScannerDevice();   ///< makes safe
+  static tl::expected<std::unique_ptr<ScannerDevice>, DeviceError> open(std::unique_ptr<Transport> transport,
+                                                                        Clock& clock);
+  ~ScannerDevice();  ///< makes safe
 
   const DeviceIdentity& identity() const;
   const DeviceCapabilities& capabilities() const;

@@ -15,7 +15,7 @@ namespace celadon {
 /// Why one exchange failed; the caller above adds operation and machine state.
 struct LinkError {
   DeviceError::Kind kind = DeviceError::Kind::lost;
-  int code = 0;            ///< errno or Modbus exception
+  int code = 0;  ///< errno or Modbus exception
   std::string cause;
   bool retry_may_help = true;
 };
@@ -26,7 +26,8 @@ class Transport {
   virtual ~Transport() = default;
   virtual tl::expected<void, LinkError> read_inputs(std::uint16_t address, std::span<std::uint16_t> registers) = 0;
   virtual tl::expected<void, LinkError> read_holding(std::uint16_t address, std::span<std::uint16_t> registers) = 0;
-  virtual tl::expected<void, LinkError> write_holding(std::uint16_t address, std::span<const std::uint16_t> registers) = 0;
+  virtual tl::expected<void, LinkError> write_holding(std::uint16_t address,
+                                                      std::span<const std::uint16_t> registers) = 0;
   virtual tl::expected<void, LinkError> reconnect() = 0;
   virtual const std::string& url() const = 0;
 };
