@@ -10,26 +10,32 @@
 
 namespace celadon {
 
-enum class LineChannel : std::uint8_t { luma, red, green };   ///< of YUYV; grey frames use luma
+enum class LineChannel : std::uint8_t { luma, red, green };  ///< of YUYV; grey frames use luma
 enum class LineRefinement : std::uint8_t { zero_crossing, quasi_maximum_likelihood };
-enum class RowStatus : std::uint8_t { found = 0, no_line = 1, ambiguous = 2, saturated = 3 };  ///< saturated rows have a position
+enum class RowStatus : std::uint8_t {
+  found = 0,
+  no_line = 1,
+  ambiguous = 2,
+  saturated = 3
+};  ///< saturated rows have a position
 
 struct LaserLineOptions {
   LineChannel channel = LineChannel::luma;
   LineRefinement refinement = LineRefinement::quasi_maximum_likelihood;
-  int minimum_contrast = 7;          ///< grey levels of the decimated score
-  int ambiguous_percent = 70;        ///< second peak over this share of the first: ambiguous
-  float read_noise = 1.5f;           ///< grey levels
+  int minimum_contrast = 7;    ///< grey levels of the decimated score
+  int ambiguous_percent = 70;  ///< second peak over this share of the first: ambiguous
+  float read_noise = 1.5f;     ///< grey levels
   float electrons_per_level = 40.f;
-  float speckle_contrast = 0.2f;     ///< of this laser and camera
+  float speckle_contrast = 0.25f;  ///< standard deviation over mean of one pixel, of this laser and camera
+  float speckle_extent_px = 2.f;   ///< pixels a grain spans along the row: sum of the speckle's autocorrelation
 };
 
 /// One row of a line.
 struct LineRow {
-  float x_px = -1;           ///< pixel centres at whole numbers; -1 without a line
-  float sigma_px = 0;        ///< standard deviation of x_px, from amplitude, width, noise and speckle
-  float amplitude = 0;       ///< grey levels over background
-  float width_px = 0;        ///< Gaussian standard deviation of the line's cross section
+  float x_px = -1;      ///< pixel centres at whole numbers; -1 without a line
+  float sigma_px = 0;   ///< standard deviation of x_px, from amplitude, width, noise and speckle
+  float amplitude = 0;  ///< grey levels over background
+  float width_px = 0;   ///< Gaussian standard deviation of the line's cross section
   RowStatus status = RowStatus::no_line;
 };
 
@@ -41,7 +47,8 @@ class LaserLineExtractor {
   LaserLineExtractor(LaserLineExtractor&&) noexcept;
   LaserLineExtractor& operator=(LaserLineExtractor&&) noexcept;
 
-  /// One LineRow per image row of `on`, read in place. `off` (laser off, same mode) is subtracted in registers if given.
+  /// One LineRow per image row of `on`, read in place. `off` (laser off, same mode) is subtracted in registers if
+  /// given.
   /// @pre sizes as in mode; stride_bytes >= width * bytes per pixel; width >= 64; rows.size() == height
   void extract(const CameraMode& mode, std::span<const std::uint8_t> on, std::span<const std::uint8_t> off,
                std::span<LineRow> rows);
