@@ -9,7 +9,10 @@
 
 namespace celadon {
 
-struct WriteError { int errno_value = 0; std::string message; };   ///< ENOSPC and the like, with the remedy
+struct WriteError {
+  int errno_value = 0;
+  std::string message;
+};  ///< ENOSPC and the like, with the remedy
 
 /// Replaces `file` with `bytes`.
 tl::expected<void, WriteError> write_file_atomically(const std::filesystem::path& file, std::string_view bytes);

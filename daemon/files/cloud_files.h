@@ -17,25 +17,28 @@ enum class Axis : std::uint8_t { x, y, z };
 tl::expected<double, std::string> millimetres_per_unit(const std::string& unit);
 
 struct CloudOptions {
-  Axis axis = Axis::z;            ///< becomes z, by the cyclic permutation of the axes that keeps the frame right-handed
+  Axis axis = Axis::z;  ///< becomes z, by the cyclic permutation of the axes that keeps the frame right-handed
   double millimetres_per_unit = 1;
   std::size_t samples_per_profile = 4096;
 };
 
-struct FileError { std::string message; };   ///< names file, line or offset, value and remedy
+struct FileError {
+  std::string message;
+};  ///< names file, line or offset, value and remedy
 
 /// Streams a file in pieces, any number of times, in memory that does not grow with it.
 class CloudFile : public ProfileStream {
  public:
-  virtual std::uint64_t points() const = 0;            ///< promised by the header or counted
-  virtual std::uint64_t skipped() const = 0;           ///< NaN or infinite coordinates seen in the last pass
-  virtual const std::string& error() const = 0;        ///< not empty after a pass that met a broken record: the sentence
-  virtual bool native() const = 0;                     ///< r,theta,z instead of x,y,z
+  virtual std::uint64_t points() const = 0;      ///< promised by the header or counted
+  virtual std::uint64_t skipped() const = 0;     ///< NaN or infinite coordinates seen in the last pass
+  virtual const std::string& error() const = 0;  ///< not empty after a pass that met a broken record: the sentence
+  virtual bool native() const = 0;               ///< r,theta,z instead of x,y,z
 };
 
 /// PLY and PCD (ASCII, binary, binary_compressed PCD), XYZ and CSV (comma, semicolon, blank, tab), CSV with the header
 /// r,theta,z (radians). The kind is found from the content, not the name. Headers that promise more than the file
 /// holds are refused at once.
-tl::expected<std::unique_ptr<CloudFile>, FileError> open_cloud(const std::filesystem::path& file, const CloudOptions& options);
+tl::expected<std::unique_ptr<CloudFile>, FileError> open_cloud(const std::filesystem::path& file,
+                                                               const CloudOptions& options);
 
 }  // namespace celadon
