@@ -29,7 +29,8 @@ class BaseArcs {
   double v_of_theta(double theta_rad) const;
   /// Angle of a parameter v in [0, count()], in [start, start + range].
   double theta_of_v(double v) const;
-  /// d theta / d v and d^2 theta / d v^2, taken from the arc that contains v (the right one at a joint unless v == count()).
+  /// d theta / d v and d^2 theta / d v^2, taken from the arc that contains v (the right one at a joint unless v ==
+  /// count()).
   void theta_derivatives(double v, double& theta_v, double& theta_vv) const;
   /// v and r of points (x, y), without any arctangent; SIMD. Arrays of length n; x = y = 0 gives r = 0, v = 0.
   void synchronise(const double* x, const double* y, std::size_t n, double* v, double* r) const;

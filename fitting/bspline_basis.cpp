@@ -55,7 +55,11 @@ std::array<BasisValues, 3> basis_derivatives(std::span<const double> knots, int 
 }
 
 IntervalMatrix bezier_conversion(std::span<const double> knots, int degree, int span) {
-  const double lo = knots[static_cast<std::size_t>(span)], hi = knots[static_cast<std::size_t>(span) + 1];
+  const auto s = static_cast<std::size_t>(span);
+  return bezier_conversion(knots, degree, span, knots[s], knots[s + 1]);
+}
+
+IntervalMatrix bezier_conversion(std::span<const double> knots, int degree, int span, double lo, double hi) {
   IntervalMatrix bezier(degree + 1, degree + 1);
   for (int k = 0; k <= degree; ++k) {
     // Blossom at (lo ... lo, hi ... hi), hi k times: de Boor's triangle on unit coefficients.

@@ -26,8 +26,10 @@ BasisValues basis_values(std::span<const double> knots, int degree, int span, do
 /// Their derivatives of order 0, 1, 2.
 std::array<BasisValues, 3> basis_derivatives(std::span<const double> knots, int degree, int span, double t);
 
-/// Bezier coefficients on [knots[span], knots[span+1]] = matrix * B-spline coefficients span - degree ... span.
-/// Entries in [0, 1], rows sum to 1.
+/// Bezier coefficients on [lo, hi] of the span's polynomials = matrix * B-spline coefficients span - degree ... span.
+/// For [lo, hi] within the span's interval entries are in [0, 1]; rows sum to 1.
+IntervalMatrix bezier_conversion(std::span<const double> knots, int degree, int span, double lo, double hi);
+/// The same on the whole interval [knots[span], knots[span + 1]].
 IntervalMatrix bezier_conversion(std::span<const double> knots, int degree, int span);
 
 /// Power coefficients in s = 2x - 1 in [-1, 1], constant first = matrix * Bezier coefficients over x in [0, 1]. Exact.

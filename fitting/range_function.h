@@ -6,10 +6,12 @@
 #include <vector>
 
 #include "fitting/base_arcs.h"
+#include "fitting/interval_basis.h"
 
 namespace celadon {
 
-/// The base cylinder of unit radius in its own frame: u in [0, 1] runs with z from z_start_mm to z_end_mm, v with theta.
+/// The base cylinder of unit radius in its own frame: u in [0, 1] runs with z from z_start_mm to z_end_mm, v with
+/// theta.
 struct BaseCylinder {
   BaseArcs arcs = BaseArcs::full_circle();
   double z_start_mm = 0, z_end_mm = 1;
@@ -21,7 +23,8 @@ struct RangeDerivatives {
   double r_mm = 0, r_theta = 0, r_z = 0, r_theta_theta = 0, r_theta_z = 0, r_z_z = 0;
 };
 
-/// Position, unit outward normal and principal curvatures (1/mm, positive for a convex body) of a surface point, scanner frame.
+/// Position, unit outward normal and principal curvatures (1/mm, positive for a convex body) of a surface point,
+/// scanner frame.
 struct SurfacePoint {
   Eigen::Vector3d p_W;
   Eigen::Vector3d normal_W;
@@ -53,8 +56,12 @@ class RangeFunction {
   /// @pre base().z_start_mm <= z_start_mm < z_end_mm <= base().z_end_mm
   RangeFunction clipped(double z_start_mm, double z_end_mm) const;
   /// e_p of a point of the scanner frame: its range minus F along its ray (positive outside), and e_p cos(psi).
-  /// status false when z is outside the band.
-  struct Membership { bool in_band; double ray_mm; double signed_distance_mm; };
+  /// in_band false when z is outside the band.
+  struct Membership {
+    bool in_band;
+    double ray_mm;
+    double signed_distance_mm;
+  };
   Membership membership(const Eigen::Vector3d& p_W) const;
 
  private:
@@ -62,6 +69,13 @@ class RangeFunction {
   int degree_u_ = 0, degree_v_ = 0;
   std::vector<double> knots_u_, knots_v_;
   Eigen::MatrixXd coefficients_;
+
+  double u_of_z(double z_mm) const;
+  /// Sums over the four combinations of small and large degrees.
+  template <int kWidthU, int kWidthV>
+  void sum(const double* u, const double* v, std::size_t n, double* r_mm) const;
+  IntervalBasis basis_u_, basis_v_;
+  Eigen::MatrixXd padded_;  // coefficients with zero rows and columns for the padding of the bases
 };
 
 }  // namespace celadon
