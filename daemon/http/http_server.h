@@ -1,6 +1,6 @@
 #pragma once
-// HTTP API of openapi.yaml over a ScanService. Loopback and a Unix socket only. Slow and hostile clients never hold up a
-// scan: everything here runs on threads of its own with limits on time, size and number.
+// HTTP API of openapi.yaml over a ScanService. Loopback and a Unix socket only. Slow and hostile clients never hold up
+// a scan: everything here runs on threads of its own with limits on time, size and number.
 
 #include <cstdint>
 #include <memory>
@@ -13,15 +13,16 @@
 namespace celadon {
 
 struct HttpServerOptions {
-  std::string address = "127.0.0.1";   ///< loopback only; anything else is refused
-  std::uint16_t port = 7450;           ///< 0: any free one
-  std::string unix_socket;             ///< path; empty: none
+  std::string address = "127.0.0.1";  ///< loopback only; anything else is refused
+  std::uint16_t port = 7450;          ///< 0: any free one
+  std::string unix_socket;            ///< path; empty: none
 };
 
 class HttpServer {
  public:
-  static tl::expected<std::unique_ptr<HttpServer>, std::string> start(ScanService& service, const HttpServerOptions& options);
-  ~HttpServer();   ///< closes every connection and joins its threads
+  static tl::expected<std::unique_ptr<HttpServer>, std::string> start(ScanService& service,
+                                                                      const HttpServerOptions& options);
+  ~HttpServer();  ///< closes every connection and joins its threads
   std::uint16_t port() const;
 
  private:
