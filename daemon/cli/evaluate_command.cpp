@@ -1,0 +1,124 @@
+// celadon evaluate: points, normals and curvatures of a surface file as CSV.
+
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include "daemon/cli/commands.h"
+#include "daemon/files/atomic_file.h"
+#include "daemon/surface_json.h"
+
+namespace celadon::cli {
+namespace {
+
+constexpr std::size_t kMostValues = 10'000'000;
+
+struct EvaluateArguments {
+  std::string surface, angles = "0:10:350", heights, output;
+};
+
+// "a,b,c" or "first:step:last"; nullopt when it is neither.
+std::optional<std::vector<double>> numbers_from(const std::string& text) {
+  const auto split = [&](char separator) {
+    std::vector<double> values;
+    for (std::size_t at = 0; at <= text.size();) {
+      const std::size_t next = std::min(text.find(separator, at), text.size());
+      std::size_t used = 0;
+      double value = 0;
+      try {
+        value = std::stod(text.substr(at, next - at), &used);
+      } catch (const std::exception&) {
+        return std::vector<double>{};
+      }
+      if (used != next - at || !std::isfinite(value)) return std::vector<double>{};
+      values.push_back(value);
+      at = next + 1;
+    }
+    return values;
+  };
+  if (text.find(':') == std::string::npos) {
+    auto list = split(',');
+    return list.empty() ? std::nullopt : std::optional(list);
+  }
+  const auto range = split(':');
+  if (range.size() != 3 || range[1] == 0 || (range[2] - range[0]) / range[1] < 0) return std::nullopt;
+  const double count = std::floor((range[2] - range[0]) / range[1] + 1e-9);
+  if (count >= static_cast<double>(kMostValues)) return std::nullopt;
+  std::vector<double> values;
+  for (double k = 0; k <= count; ++k) values.push_back(range[0] + k * range[1]);
+  return values;
+}
+
+int evaluate(const EvaluateArguments& arguments) {
+  const auto file = read_surface_json(arguments.surface);
+  if (!file) return fail(2, file.error());
+  const auto angles_deg = numbers_from(arguments.angles);
+  if (!angles_deg)
+    return fail(2, "--angles '" + arguments.angles + "' is neither a list a,b,c nor a range first:step:last");
+  const auto& base = file->function.base();
+  std::vector<double> heights_mm;
+  if (arguments.heights.empty()) {
+    for (int k = 0; k <= 20; ++k) heights_mm.push_back(base.z_start_mm + k * (base.z_end_mm - base.z_start_mm) / 20);
+  } else if (const auto given = numbers_from(arguments.heights)) {
+    heights_mm = *given;
+  } else {
+    return fail(2, "--heights '" + arguments.heights + "' is neither a list a,b,c nor a range first:step:last");
+  }
+  if (angles_deg->size() * heights_mm.size() > kMostValues) {
+    return fail(2, std::to_string(angles_deg->size() * heights_mm.size()) + " points are more than " +
+                       std::to_string(kMostValues) + "; ask for fewer");
+  }
+  for (const double z : heights_mm) {
+    if (z < base.z_start_mm || z > base.z_end_mm) {
+      char text[256];
+      std::snprintf(text, sizeof text,
+                    "height %g mm is outside the surface's band %.6f .. %.6f mm; it is never extrapolated", z,
+                    base.z_start_mm, base.z_end_mm);
+      return fail(2, text);
+    }
+  }
+  std::string csv =
+      "angle_deg,height_mm,r_mm,x_mm,y_mm,z_mm,normal_x,normal_y,normal_z,curvature_max_per_mm,curvature_min_per_mm\n";
+  for (const double z : heights_mm) {
+    for (const double angle : *angles_deg) {
+      const double theta = angle * std::numbers::pi / 180;
+      const SurfacePoint point = file->function.surface_point(theta, z);
+      char row[512];
+      std::snprintf(row, sizeof row, "%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", angle, z,
+                    file->function(theta, z), point.p_W.x(), point.p_W.y(), point.p_W.z(), point.normal_W.x(),
+                    point.normal_W.y(), point.normal_W.z(), point.curvature_max, point.curvature_min);
+      csv += row;
+    }
+  }
+  if (arguments.output.empty()) {
+    return std::fwrite(csv.data(), 1, csv.size(), stdout) == csv.size() && std::fflush(stdout) == 0
+               ? 0
+               : fail(4, "standard output cannot be written");
+  }
+  const auto written = write_file_atomically(arguments.output, csv);
+  return written ? 0 : fail(4, written.error().message);
+}
+
+}  // namespace
+
+void add_evaluate_command(CLI::App& program, Run& run) {
+  auto arguments = std::make_shared<EvaluateArguments>();
+  auto* command = program.add_subcommand(
+      "evaluate",
+      "Points, outward normals and principal curvatures (1/mm, positive where convex) of a surface.json as CSV.");
+  command->option_defaults()->always_capture_default();
+  command->add_option("SURFACE", arguments->surface, "surface.json of a scan or fit")->required();
+  command->add_option("--angles", arguments->angles, "angles [degrees]: a list a,b,c or a range first:step:last");
+  command->add_option("--heights", arguments->heights,
+                      "heights in the surface's frame [mm], list or range; default: 21 over its band");
+  command->add_option("-o,--output", arguments->output, "CSV file; default: standard output");
+  command->callback([arguments, &run] { run = [arguments] { return evaluate(*arguments); }; });
+}
+
+}  // namespace celadon::cli

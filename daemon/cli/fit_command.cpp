@@ -1,0 +1,188 @@
+// celadon fit: a cloud or native samples to an exact surface and its files.
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <nlohmann/json.hpp>
+
+#include <CLI/CLI.hpp>
+
+#include "daemon/cli/commands.h"
+#include "daemon/cli/summary.h"
+#include "daemon/files/atomic_file.h"
+#include "daemon/files/cloud_files.h"
+#include "daemon/report.h"
+#include "daemon/results.h"
+#include "fitting/range_fit.h"
+
+namespace celadon::cli {
+namespace {
+
+struct FitArguments {
+  std::string input, axis = "z", unit = "mm", shape = "cylinder", model = "auto", space = "curvature", name, date,
+                     report;
+  std::vector<std::string> outputs;
+  double tolerance_mm = 0, form_tolerance_mm = -1, chord_mm = 0;
+  std::vector<int> degree = {3, 3}, knots;
+  bool ap214 = false, json = false;
+};
+
+class StopWatch {
+ public:
+  double lap() {
+    const auto now = std::chrono::steady_clock::now();
+    const double seconds = std::chrono::duration<double>(now - began_).count();
+    began_ = now;
+    return seconds;
+  }
+
+ private:
+  std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
+};
+
+SurfaceModel model_from(const std::string& text) {
+  for (const auto model :
+       {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational, SurfaceModel::general}) {
+    if (text == to_string(model)) return model;
+  }
+  return SurfaceModel::automatic;
+}
+
+RangeFitOptions fit_options(const FitArguments& arguments) {
+  RangeFitOptions options;
+  options.model = model_from(arguments.model);
+  options.tolerance_mm = arguments.tolerance_mm;
+  if (arguments.form_tolerance_mm >= 0) options.form_tolerance_mm = arguments.form_tolerance_mm;
+  options.degree_u = arguments.degree[0];
+  options.degree_v = arguments.degree[1];
+  if (!arguments.knots.empty()) {
+    options.z_intervals = arguments.knots[0];
+    options.intervals_per_arc = arguments.knots[1];
+  }
+  options.continuity = arguments.space == "thesis" ? JointContinuity::thesis : JointContinuity::curvature;
+  return options;
+}
+
+// One pass over the file into the sums.
+void accumulate(ProfileStream& samples, MomentGrid& sums) {
+  samples.rewind();
+  while (const Profile* profile = samples.next()) sums.add(profile->r_mm, profile->theta_rad, profile->z_mm);
+}
+
+int fit(const FitArguments& arguments) {
+  // Outputs are checked before hours of work, not after.
+  std::vector<std::pair<ResultFormat, std::filesystem::path>> outputs;
+  for (const auto& output : arguments.outputs) {
+    const auto format = result_format_of(output);
+    if (!format) {
+      return fail(2, "'" + output + "' has no known ending; use .step, .stl, .ply, surface.json or report.json");
+    }
+    const auto folder = std::filesystem::absolute(output).parent_path();
+    if (!std::filesystem::is_directory(folder)) {
+      return fail(2,
+                  "'" + output + "' cannot be written: there is no folder '" + folder.string() + "'; create it first");
+    }
+    outputs.emplace_back(*format, output);
+  }
+  if (!arguments.report.empty()) outputs.emplace_back(ResultFormat::report_json, arguments.report);
+  // The report comes last: it holds what the others found.
+  std::stable_sort(outputs.begin(), outputs.end(), [](const auto& a, const auto& b) {
+    return (a.first == ResultFormat::report_json) < (b.first == ResultFormat::report_json);
+  });
+
+  StopWatch watch;
+  ResultNotes notes;
+  CloudOptions cloud;
+  cloud.axis = arguments.axis == "x" ? Axis::x : arguments.axis == "y" ? Axis::y : Axis::z;
+  const auto unit = millimetres_per_unit(arguments.unit);
+  if (!unit) return fail(2, unit.error());
+  cloud.millimetres_per_unit = *unit;
+  const auto samples = open_cloud(arguments.input, cloud);
+  if (!samples) return fail(2, samples.error().message);
+
+  const RangeFitOptions options = fit_options(arguments);
+  const auto grid = choose_grid(**samples, options);
+  if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
+  if (!grid) return fail(2, "'" + arguments.input + "': " + grid.error().message);
+  notes.seconds.push_back({"read", watch.lap()});
+  MomentGrid sums(*grid);
+  accumulate(**samples, sums);
+  notes.seconds.push_back({"accumulate", watch.lap()});
+  const auto fitted = fit_range(sums, **samples, options);
+  if (!fitted) return fail(2, "'" + arguments.input + "': " + fitted.error().message);
+  notes.seconds.push_back({"fit", watch.lap()});
+
+  notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
+  notes.date = arguments.date;
+  if ((*samples)->skipped() > 0) {
+    notes.warnings.push_back(std::to_string((*samples)->skipped()) +
+                             " points of the file have NaN or infinite coordinates and were skipped");
+  }
+  ResultOptions files;
+  files.ap214 = arguments.ap214;
+  files.chord_mm = arguments.chord_mm;
+  for (const auto& [format, file] : outputs) {
+    const auto written = write_result(*fitted, format, file, notes, files);
+    if (!written) return fail(written.error().exit_code, written.error().message);
+    notes.seconds.push_back({to_string(format), watch.lap()});
+  }
+  const auto report = report_json(*fitted, notes);
+  if (arguments.json) {
+    std::printf("%s\n", report.dump().c_str());
+  } else {
+    std::printf("%s\n%s", arguments.input.c_str(), summary_of(nlohmann::json(report)).c_str());
+    for (const auto& [format, file] : outputs) std::printf("  wrote       %s\n", file.c_str());
+  }
+  return 0;
+}
+
+}  // namespace
+
+void add_fit_command(CLI::App& program, Run& run) {
+  auto arguments = std::make_shared<FitArguments>();
+  auto* command = program.add_subcommand(
+      "fit",
+      "Fit an exact NURBS surface to a point cloud (PLY, PCD, XYZ, CSV) or to native samples\n"
+      "(CSV with the header r,theta,z: mm and radians). The rotary axis must pass through the origin.");
+  command->option_defaults()->always_capture_default();
+  command->add_option("INPUT", arguments->input, "file to read")->required();
+  command
+      ->add_option("-o,--output", arguments->outputs,
+                   "files to write, by their endings: .step, .stl, .ply, .json (surface), report.json")
+      ->expected(1, -1);
+  command->add_option("--report", arguments->report, "write the report as JSON to this file");
+  command->add_option("--shape", arguments->shape, "base geometry")->check(CLI::IsMember({"cylinder"}));
+  command->add_option("--model", arguments->model, "how general the surface is")
+      ->check(CLI::IsMember({"auto", "cylinder", "revolution", "translational", "general"}));
+  command->add_option("--axis", arguments->axis, "axis of the file that is the rotary axis")
+      ->check(CLI::IsMember({"x", "y", "z"}));
+  command->add_option("--unit", arguments->unit, "unit of length of the file: um, mm, cm, m, in");
+  command
+      ->add_option("--tolerance", arguments->tolerance_mm,
+                   "refine until 95 % of the errors are below it [mm]; 0: what the data carry")
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--form-tolerance", arguments->form_tolerance_mm,
+                      "deviation from a simpler form that is accepted [mm]; negative: 1e-9 of the size");
+  command->add_option("--degree", arguments->degree, "degrees of the range function along z and theta, 1 to 5")
+      ->expected(2)
+      ->check(CLI::Range(1, 5));
+  command
+      ->add_option("--knots", arguments->knots,
+                   "fixed numbers of intervals along z and per quarter turn, powers of two")
+      ->expected(2)
+      ->check(CLI::Range(1, 1024));
+  command
+      ->add_option("--space", arguments->space,
+                   "continuity at the meridians 0, 90, 180, 270 degrees: curvature, or as in the thesis")
+      ->check(CLI::IsMember({"curvature", "thesis"}));
+  command->add_option("--chord", arguments->chord_mm, "chord tolerance of meshes [mm]; 0: 1e-4 of the size")
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--name", arguments->name, "name of the part in the files; default: that of the input");
+  command->add_option("--date", arguments->date, "date in the files, ISO 8601 UTC; default: none");
+  command->add_flag("--ap214", arguments->ap214, "STEP AP214 instead of AP242");
+  command->add_flag("--json", arguments->json, "print the report as one line of JSON instead of text");
+  command->callback([arguments, &run] { run = [arguments] { return fit(*arguments); }; });
+}
+
+}  // namespace celadon::cli

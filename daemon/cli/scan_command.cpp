@@ -1,0 +1,180 @@
+// celadon scan, watch, status, cancel: clients of the daemon.
+
+#include <cstdio>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+#include "daemon/cli/commands.h"
+#include "daemon/cli/follow.h"
+#include "daemon/cli/virtual_scanner.h"
+#include "daemon/http/http_client.h"
+
+namespace celadon::cli {
+namespace {
+
+using nlohmann::json;
+
+constexpr const char* kServer = "http://127.0.0.1:7450";
+constexpr const char* kServerHelp = "daemon to talk to: http://ADDRESS:PORT or unix:PATH";
+
+struct ScanArguments {
+  std::string server = kServer, scene, name, mode = "sweep", model = "auto";
+  FollowOptions follow;
+  std::uint64_t seed = 1;
+  int profiles = 1200;
+  double exposure_ms = 0, tolerance_mm = 0, form_tolerance_mm = -1;
+  std::vector<int> degree = {3, 3};
+  std::vector<std::string> formats;
+};
+
+json request_of(const ScanArguments& a) {
+  json request{{"mode", a.mode},          {"profiles", a.profiles},
+               {"model", a.model},        {"tolerance_mm", a.tolerance_mm},
+               {"degree_u", a.degree[0]}, {"degree_v", a.degree[1]}};
+  if (a.exposure_ms > 0) request["exposure_ms"] = a.exposure_ms;
+  if (!a.name.empty()) request["name"] = a.name;
+  if (a.name.empty() && !a.scene.empty()) request["name"] = a.scene;
+  if (a.form_tolerance_mm >= 0) request["form_tolerance_mm"] = a.form_tolerance_mm;
+  if (!a.formats.empty()) request["formats"] = a.formats;
+  return request;
+}
+
+// What the daemon said of a request that it did not take.
+int refused(const HttpResponse& answer) {
+  const auto problem = json::parse(answer.body, nullptr, false);
+  const std::string detail = problem.is_object() ? problem.value("detail", answer.body) : answer.body;
+  return fail(answer.status >= 500 ? 3 : 2, detail);
+}
+
+int scan(const ScanArguments& arguments) {
+  catch_interrupts();
+  if (const int code = prepare_folder(arguments.follow.folder)) return code;
+  std::optional<VirtualScanner> simulated;
+  std::string server = arguments.server;
+  if (!arguments.scene.empty()) {
+    auto started = VirtualScanner::start({arguments.scene, arguments.seed});
+    if (!started) return fail(3, started.error());
+    simulated.emplace(std::move(*started));
+    server = simulated->server();
+  }
+  HttpClient client(server);
+  const auto answer = client.post("/api/v1/scans", request_of(arguments));
+  if (!answer) return fail(3, answer.error());
+  if (answer->status != 201) return refused(*answer);
+  return follow_scan(client, json::parse(answer->body)["id"].get<std::uint64_t>(), arguments.follow);
+}
+
+// The scan under way, or the next one that begins; waits for a press of the button.
+int watch(const std::string& server, const FollowOptions& options) {
+  catch_interrupts();
+  if (const int code = prepare_folder(options.folder)) return code;
+  HttpClient client(server);
+  std::uint64_t id = 0;
+  while (id == 0) {
+    const auto waited = client.events("/api/v1/events", [&](const std::string&, const std::string& data) {
+      const auto scan = json::parse(data, nullptr, false);
+      if (scan.is_object()) id = scan.value("id", std::uint64_t{0});
+      return id == 0 && !interrupted();
+    });
+    if (interrupted()) return 130;
+    if (!waited) return fail(3, waited.error());
+  }
+  return follow_scan(client, id, options);
+}
+
+int status(const std::string& server) {
+  HttpClient client(server);
+  const auto machine = client.get("/api/v1/device");
+  if (!machine) return fail(3, machine.error());
+  if (machine->status != 200) return refused(*machine);
+  std::printf("%s\n", json::parse(machine->body).dump(2).c_str());
+  const auto scans = client.get("/api/v1/scans");
+  if (!scans) return fail(3, scans.error());
+  for (const auto& record : json::parse(scans->body)["scans"]) {
+    std::printf("scan %llu  %-11s  %s  %s\n", static_cast<unsigned long long>(record["id"].get<std::uint64_t>()),
+                record["state"].get<std::string>().c_str(), record.value("created", "").c_str(),
+                record.value("reason", "").c_str());
+  }
+  return 0;
+}
+
+int cancel(const std::string& server, std::uint64_t id) {
+  HttpClient client(server);
+  const auto answer = client.post("/api/v1/scans/" + std::to_string(id) + "/cancel", json::object());
+  if (!answer) return fail(3, answer.error());
+  return answer->status == 200 ? 0 : refused(*answer);
+}
+
+}  // namespace
+
+void add_scan_command(CLI::App& program, Run& run) {
+  auto a = std::make_shared<ScanArguments>();
+  auto* command =
+      program.add_subcommand("scan", "Scan an object and fetch its CAD files; with --simulate on a virtual scanner.");
+  command->option_defaults()->always_capture_default();
+  command->add_option("--simulate", a->scene, "start a virtual scanner with this scene and a daemon for it")
+      ->check(CLI::IsMember({"vase", "vase-squeezed", "humidifier", "cylinder", "cylinder-off"}));
+  command->add_option("--seed", a->seed, "of every random number of the virtual scanner");
+  command->add_option("--server", a->server, kServerHelp);
+  command->add_option("-o,--output", a->follow.folder,
+                      "folder for the files; default: they stay in the daemon's store");
+  command->add_option("--name", a->name, "name of the object");
+  command->add_option("--mode", a->mode, "stop for each frame, or turn at constant speed")
+      ->check(CLI::IsMember({"step", "sweep"}));
+  command->add_option("--profiles", a->profiles, "a turn, 16 to 100000")->check(CLI::Range(16, 100000));
+  command->add_option("--exposure", a->exposure_ms, "exposure time [ms]; 0: as the camera stands")
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--model", a->model, "how general the surface is")
+      ->check(CLI::IsMember({"auto", "cylinder", "revolution", "translational", "general"}));
+  command
+      ->add_option("--tolerance", a->tolerance_mm,
+                   "refine until 95 % of the errors are below it [mm]; 0: what the data carry")
+      ->check(CLI::NonNegativeNumber);
+  command->add_option(
+      "--form-tolerance", a->form_tolerance_mm,
+      "deviation from a simpler form that is accepted [mm]; negative: the calibration's systematic uncertainty");
+  command->add_option("--degree", a->degree, "degrees of the range function along z and theta, 1 to 5")
+      ->expected(2)
+      ->check(CLI::Range(1, 5));
+  command->add_option("--formats", a->formats, "files to make; default: all")
+      ->check(CLI::IsMember({"step", "stl", "ply", "surface.json"}));
+  command->add_flag("--json", a->follow.json, "progress and report as lines of JSON");
+  command->callback([a, &run] { run = [a] { return scan(*a); }; });
+}
+
+void add_watch_command(CLI::App& program, Run& run) {
+  auto server = std::make_shared<std::string>(kServer);
+  auto options = std::make_shared<FollowOptions>();
+  auto* command = program.add_subcommand(
+      "watch", "Follow the scan under way or the next one, started by whomever, and fetch its files.");
+  command->option_defaults()->always_capture_default();
+  command->add_option("--server", *server, kServerHelp);
+  command->add_option("-o,--output", options->folder, "folder for the files; default: they stay in the daemon's store");
+  command->add_flag("--json", options->json, "progress and report as lines of JSON");
+  command->callback([=, &run] { run = [=] { return watch(*server, *options); }; });
+}
+
+void add_status_command(CLI::App& program, Run& run) {
+  auto server = std::make_shared<std::string>(kServer);
+  auto* command = program.add_subcommand("status", "State of the machine and the scans of the daemon's store.");
+  command->option_defaults()->always_capture_default();
+  command->add_option("--server", *server, kServerHelp);
+  command->callback([=, &run] { run = [=] { return status(*server); }; });
+}
+
+void add_cancel_command(CLI::App& program, Run& run) {
+  auto server = std::make_shared<std::string>(kServer);
+  auto id = std::make_shared<std::uint64_t>(0);
+  auto* command = program.add_subcommand(
+      "cancel", "End a queued or running scan: laser off, motor stopped, what was recorded kept.");
+  command->option_defaults()->always_capture_default();
+  command->add_option("ID", *id, "number of the scan")->required();
+  command->add_option("--server", *server, kServerHelp);
+  command->callback([=, &run] { run = [=] { return cancel(*server, *id); }; });
+}
+
+}  // namespace celadon::cli
