@@ -1,15 +1,19 @@
 #pragma once
 // The table angle at any instant of the host clock, with uncertainty, from position samples that carry the controller's
-// own time stamps.
+// own time stamps. README.md, "Angle at an instant".
 
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 
 #include <tl/expected.hpp>
 
+#include "acquisition/clock_offset.h"
+
 namespace celadon {
 
-/// One position sample: read between host_before_ns and host_after_ns, taken by the controller at device_time_us.
+/// One position sample: read between host_before_ns and host_after_ns, taken by the controller at device_time_us (when
+/// it was asked, or at most one of its sampling periods before).
 struct PositionSample {
   std::uint32_t counter = 0;
   std::uint64_t device_time_us = 0;
@@ -24,18 +28,25 @@ struct AngleAtInstant {
 class AngleTimeline {
  public:
   /// quantisation_rad: resolution of the encoder.
+  /// @throws std::invalid_argument unless it is finite and >= 0
   explicit AngleTimeline(double quantisation_rad);
-  /// Repeated counters are used for the clock offset only.
+  /// Repeated counters are used for the clock offset only. A device time that falls means that the controller was
+  /// restarted: everything known before is forgotten.
+  /// @throws std::invalid_argument for an angle that is not finite or host_after_ns < host_before_ns
   void add(const PositionSample& sample);
   /// Forget the samples but keep the estimate of the clock offset.
   void clear_positions();
   /// Host time of the newest position sample; INT64_MIN without any.
   std::int64_t newest_ns() const;
-  /// @returns nullopt-like error text when the instant lies more than max_extrapolation_ns outside the samples
+  /// Exact for constant acceleration between the samples around the instant; sigma_rad holds the encoder's quantisation
+  /// (q / sqrt(12) a sample, as the interpolation weighs it), the uncertainty of the clocks times the speed, and how
+  /// far the motion is from constant acceleration. At the ends the last samples are extrapolated.
+  /// @returns the error's text when the instant lies more than max_extrapolation_ns outside the samples, or none are
+  /// there
   tl::expected<AngleAtInstant, const char*> at(std::int64_t host_ns,
                                                std::int64_t max_extrapolation_ns = 50'000'000) const;
   /// Estimated host time of a controller time stamp.
-  std::int64_t host_time_ns(std::uint64_t device_time_us) const;
+  std::int64_t host_time_ns(std::uint64_t device_time_us) const { return clock_.host_time_ns(device_time_us); }
 
  private:
   struct Point {
@@ -43,9 +54,10 @@ class AngleTimeline {
     double angle_rad;
   };
   std::deque<Point> points_;
+  ClockOffset clock_;
   double quantisation_rad_;
-  std::int64_t best_round_trip_ns_ = INT64_MAX;
-  double offset_ns_ = 0, offset_sigma_ns_ = 0;
+  std::uint32_t newest_counter_ = 0;
+  std::uint64_t newest_device_us_ = 0;
 };
 
 }  // namespace celadon

@@ -43,7 +43,7 @@ std::string number_text(double value) {
 }
 
 std::string quoted(const std::string& text) {
-  std::string out = "\"";
+  std::string out(1, '"');
   for (const char c : text) {
     if (c == '"' || c == '\\') {
       out += '\\';

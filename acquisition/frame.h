@@ -20,6 +20,9 @@ inline std::size_t bytes_per_pixel(PixelFormat format) {
 
 enum class Shutter : std::uint32_t { global = 0, rolling = 1 };
 
+/// The event that a driver's stamp belongs to. The time model of a calibration holds for the one it was made with.
+enum class StampPoint : std::uint32_t { end_of_frame = 0, start_of_exposure = 1 };
+
 /// What the camera delivers and cannot change during a stream.
 struct CameraMode {
   int width_px = 0, height_px = 0;
@@ -30,6 +33,7 @@ struct CameraMode {
   std::int64_t exposure_ns = 0;
   std::string identity;  ///< name and serial number, as calibration files quote it
   bool simulated = false;
+  StampPoint stamp_point = StampPoint::end_of_frame;  ///< of a V4L2 device known once it streams
   bool operator==(const CameraMode&) const = default;
 };
 

@@ -1,7 +1,8 @@
 #pragma once
 // Byte format between the virtual scanner's frame server and its client: a SOCK_SEQPACKET Unix socket
 // FOLDER/frames.sock, one struct a packet, and a memfd with the frame slots passed (SCM_RIGHTS) with the hello, so that
-// frames are not copied. Same machine, same byte order. Version 1; later versions append fields and raise the number.
+// frames are not copied. The memfd is sealed with F_SEAL_SHRINK. Same machine, same byte order. Version 1; later
+// versions append fields and raise the number.
 
 #include <cstdint>
 

@@ -1,11 +1,17 @@
 #pragma once
 // Pixels of a laser line to a profile in the scanner frame, each sample with its covariance.
 
+#include <cstdint>
 #include <span>
+#include <vector>
+
+#include <Eigen/Core>
+#include <tl/expected.hpp>
 
 #include "acquisition/angle_timeline.h"
 #include "acquisition/calibration.h"
 #include "acquisition/laser_line.h"
+#include "acquisition/lens.h"
 #include "fitting/profile.h"
 
 namespace celadon {
@@ -18,20 +24,62 @@ struct ScanVolume {
 /// Ray-plane intersection, undistorted, turned back by the table angle; one per laser. README.md, "Triangulation".
 class Triangulator {
  public:
-  /// @pre calibration.lasers holds the laser
+  /// @throws std::invalid_argument unless calibration.lasers holds the laser and the volume is not empty
   Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume);
 
+  /// What became of the rows; those without a line are in none of the counts.
   struct Counts {
-    int found = 0, ambiguous = 0, outside = 0, edge = 0;
+    int found = 0;      ///< samples in the profile
+    int ambiguous = 0;  ///< two lines in the row
+    int outside = 0;    ///< of the volume, or of what the plane and the camera can see
+    int edge = 0;       ///< at a jump of the line (mixed pixels)
+    int no_angle = 0;   ///< angle_at had no answer for the row's instant
   };
-  /// Fills r, theta, z, covariance and row of `profile` (its other fields but table_angle_rad and time_ns are left).
-  /// `angle_at(instant_ns)` gives the table angle at each row's own instant; the last row of a run at a jump of the
-  /// line is dropped (mixed pixels).
+  /// Fills r, theta, z, covariance and row of `profile`, its table_angle_rad and time_ns (of the middle row; the angle
+  /// counter-clockwise in the scanner frame: direction and encoder scale applied). The other fields are left.
+  /// `angle_at(instant_ns)` gives the encoder's angle at each row's own instant as AngleAtInstant or
+  /// tl::expected<AngleAtInstant, const char*>. The rows on both sides of a jump of the line are dropped (mixed
+  /// pixels).
+  /// @pre rows[i] is row i of the calibrated camera's image; at most 65535 rows
   template <class AngleAt>
-  Counts triangulate(std::span<const LineRow> rows, const FrameInfo& frame, AngleAt&& angle_at, Profile& profile) const;
+  Counts triangulate(std::span<const LineRow> rows, const FrameInfo& frame, AngleAt&& angle_at,
+                     Profile& profile) const {
+    const auto call = [](void* callable, std::int64_t instant_ns) -> Angle {
+      return (*static_cast<std::remove_reference_t<AngleAt>*>(callable))(instant_ns);
+    };
+    return triangulate(rows, frame, AngleAtRef{const_cast<void*>(static_cast<const void*>(&angle_at)), call}, profile);
+  }
 
   /// Instant of a row by the time model.
   std::int64_t row_instant_ns(const FrameInfo& frame, double row) const;
+
+ private:
+  using Angle = tl::expected<AngleAtInstant, const char*>;
+  /// A borrowed callable.
+  struct AngleAtRef {
+    void* callable;
+    Angle (*call)(void*, std::int64_t);
+    Angle operator()(std::int64_t instant_ns) const { return call(callable, instant_ns); }
+  };
+  /// One row's point in the scanner frame at table angle 0, and its derivative by the pixel.
+  struct Point {
+    double r_mm = 0, theta_rad = 0, z_mm = 0;
+    double r_by_x = 0, theta_by_x = 0, z_by_x = 0;
+    bool inside = false;
+  };
+  Counts triangulate(std::span<const LineRow> rows, const FrameInfo& frame, AngleAtRef angle_at,
+                     Profile& profile) const;
+  Point point(double x_px, double row_px) const;
+
+  Lens lens_;
+  int width_px_ = 0;
+  ScanVolume volume_;
+  double scale_ = 1, turn_ = 1;  ///< mm per model mm; true counter-clockwise angle per encoder angle
+  Eigen::Vector3d normal_C_;     ///< of the laser plane
+  double distance_mm_ = 0;
+  Eigen::Matrix3d R_WC_;  ///< camera to scanner frame, scaled
+  Eigen::Vector3d p_WC_;
+  TimeModel time_;
 };
 
 }  // namespace celadon

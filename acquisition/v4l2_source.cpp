@@ -1,0 +1,459 @@
+// A V4L2 capture device by memory-mapped streaming; frames are leases on the driver's own buffers.
+#include <fcntl.h>
+#include <linux/videodev2.h>
+#include <poll.h>
+#include <sys/mman.h>
+
+#include <algorithm>
+#include <charconv>
+#include <ctime>
+#include <filesystem>
+#include <fstream>
+#include <optional>
+#include <vector>
+
+#include "acquisition/camera_fault.h"
+#include "acquisition/file_descriptor.h"
+#include "acquisition/frame_sources.h"
+#include "acquisition/lease_book.h"
+#include "acquisition/v4l2_exposure.h"
+#include "acquisition/v4l2_ioctl.h"
+
+namespace celadon {
+namespace {
+
+using Kind = CameraError::Kind;
+
+/// Enough that a frame or two can be held back until the table's angle is known while the driver fills others.
+constexpr std::uint32_t kBuffers = 8;
+constexpr std::uint32_t kFewestBuffers = 2;
+constexpr const char* kConnectAgain = "connect the camera and open it again";
+
+std::int64_t monotonic_ns() {
+  timespec t{};
+  ::clock_gettime(CLOCK_MONOTONIC, &t);
+  return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
+}
+
+/// "/dev/video0?width=1280&height=1024&format=GREY".
+struct Address {
+  std::string path;
+  std::optional<std::uint32_t> width, height, fourcc;
+};
+
+std::string fourcc_text(std::uint32_t fourcc) {
+  std::string text;
+  for (int i = 0; i < 4; ++i) {
+    const char c = static_cast<char>((fourcc >> (8 * i)) & 0x7f);
+    text += c > ' ' && c < 0x7f ? c : '?';
+  }
+  return text;
+}
+
+tl::expected<Address, CameraError> parse_address(const std::string& text) {
+  const std::size_t question = text.find('?');
+  Address address{.path = text.substr(0, question), .width = {}, .height = {}, .fourcc = {}};
+  std::string rest = question == std::string::npos ? "" : text.substr(question + 1);
+  while (!rest.empty()) {
+    const std::string option = rest.substr(0, rest.find('&'));
+    rest.erase(0, std::min(rest.size(), option.size() + 1));
+    const std::size_t equals = std::min(option.find('='), option.size());
+    const std::string key = option.substr(0, equals), value = option.substr(std::min(equals + 1, option.size()));
+    std::uint32_t number = 0;
+    const auto parsed = std::from_chars(value.data(), value.data() + value.size(), number);
+    const bool size =
+        parsed.ec == std::errc{} && parsed.ptr == value.data() + value.size() && number >= 1 && number <= 65535;
+    if (key == "width" && size) {
+      address.width = number;
+    } else if (key == "height" && size) {
+      address.height = number;
+    } else if (key == "format" && (value == "GREY" || value == "YUYV")) {
+      address.fourcc = value == "GREY" ? V4L2_PIX_FMT_GREY : V4L2_PIX_FMT_YUYV;
+    } else {
+      return tl::unexpected(camera_fault(Kind::unsupported, "v4l2:" + address.path, "opening",
+                                         "the option \"" + option + "\" is not understood",
+                                         "use width=PIXELS, height=PIXELS and format=GREY or YUYV, joined by &"));
+    }
+  }
+  return address;
+}
+
+std::string printable(const std::uint8_t* text, std::size_t size) {
+  std::string out;
+  for (std::size_t i = 0; i < size && text[i] != 0; ++i) out += text[i] >= 0x20 && text[i] < 0x7f ? char(text[i]) : '?';
+  return out;
+}
+
+/// Serial number of the USB device behind a video node, or "".
+std::string serial_of(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::path node = std::filesystem::canonical(path, error).filename();
+  const std::filesystem::path device = std::filesystem::canonical("/sys/class/video4linux" / node / "device", error);
+  if (error) return "";
+  std::string serial;
+  std::ifstream(device.parent_path() / "serial") >> serial;
+  return printable(reinterpret_cast<const std::uint8_t*>(serial.data()), std::min<std::size_t>(serial.size(), 64));
+}
+
+class V4l2Source final : public FrameSource, public FrameReturn {
+ public:
+  V4l2Source(const std::string& device, FileDescriptor file)
+      : device_(device), file_(std::move(file)), exposure_(file_.get(), device), leases_(device) {}
+  V4l2Source(const V4l2Source&) = delete;
+  V4l2Source& operator=(const V4l2Source&) = delete;
+  ~V4l2Source() override {
+    stop();
+    exposure_.restore();
+  }
+
+  /// Checks what the device is and sets its format.
+  tl::expected<void, CameraError> configure(const Address& address);
+
+  const CameraMode& mode() const override { return mode_; }
+  tl::expected<void, CameraError> start() override;
+  void stop() noexcept override;
+  tl::expected<Frame, CameraError> next(std::int64_t timeout_ns) override;
+
+  tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) override {
+    auto in_force = exposure_.set(exposure_ns);
+    if (in_force) mode_.exposure_ns = *in_force;
+    return in_force;
+  }
+
+  void give_back(std::uint32_t index) noexcept override {
+    leases_.take_back(index);
+    // A device that is gone takes nothing back; the next frame says so.
+    static_cast<void>(queue(index));
+  }
+
+ private:
+  struct Buffer {
+    void* address;
+    std::size_t size;
+  };
+
+  int queue(std::uint32_t index) {
+    v4l2_buffer buffer{};
+    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    buffer.memory = V4L2_MEMORY_MMAP;
+    buffer.index = index;
+    return v4l2_ioctl(file_.get(), VIDIOC_QBUF, &buffer);
+  }
+  tl::unexpected<CameraError> fault(const std::string& operation, int code, const std::string& remedy) const {
+    const Kind kind = code == ENODEV                     ? Kind::unplugged
+                      : code == EBUSY                    ? Kind::busy
+                      : code == EACCES                   ? Kind::permission
+                      : code == EINVAL || code == ENOTTY ? Kind::unsupported
+                                                         : Kind::system;
+    return tl::unexpected(camera_fault(kind, device_, operation, code, code == ENODEV ? kConnectAgain : remedy));
+  }
+  tl::unexpected<CameraError> unsupported(const std::string& operation, const std::string& cause,
+                                          const std::string& remedy) const {
+    return tl::unexpected(camera_fault(Kind::unsupported, device_, operation, cause, remedy));
+  }
+  tl::expected<std::uint32_t, CameraError> choose_format(const Address& address) const;
+  tl::expected<void, CameraError> set_format(const Address& address, std::uint32_t fourcc);
+  tl::expected<void, CameraError> map_buffers();
+  tl::expected<Frame, CameraError> lend(const v4l2_buffer& buffer);
+  std::string size_text(std::uint32_t width, std::uint32_t height) const {
+    return std::to_string(width) + " x " + std::to_string(height) + " px";
+  }
+
+  std::string device_;
+  FileDescriptor file_;
+  V4l2Exposure exposure_;
+  CameraMode mode_;
+  std::vector<Buffer> buffers_;
+  LeaseBook leases_;
+  bool streaming_ = false, requested_ = false, has_sequence_ = false;
+  std::uint64_t last_sequence_ = 0;
+};
+
+tl::expected<void, CameraError> V4l2Source::configure(const Address& address) {
+  v4l2_capability capability{};
+  if (const int code = v4l2_ioctl(file_.get(), VIDIOC_QUERYCAP, &capability); code != 0) {
+    return fault("asking what it is", code, "this is no video device: give a camera's /dev/videoN");
+  }
+  const std::uint32_t can =
+      (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? capability.device_caps : capability.capabilities;
+  if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0 || (can & V4L2_CAP_STREAMING) == 0) {
+    return unsupported("opening", "it does not stream single-planar video (capabilities " + std::to_string(can) + ")",
+                       "give the capture node of the camera, often the lower /dev/videoN of two");
+  }
+  const auto fourcc = choose_format(address);
+  if (!fourcc) return tl::unexpected(fourcc.error());
+  if (auto set = set_format(address, *fourcc); !set) return set;
+
+  v4l2_streamparm parameters{};
+  parameters.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  if (v4l2_ioctl(file_.get(), VIDIOC_G_PARM, &parameters) == 0) {
+    const v4l2_fract& period = parameters.parm.capture.timeperframe;
+    if (period.denominator != 0)
+      mode_.frame_period_ns = std::int64_t{1'000'000'000} * period.numerator / period.denominator;
+  }
+  // V4L2 does not tell the shutter; cameras with an unknown one mostly roll, and the calibration has the line time.
+  mode_.shutter = Shutter::rolling;
+  mode_.exposure_ns = exposure_.in_force_ns();
+  mode_.identity = printable(std::begin(capability.card), std::size(capability.card));
+  if (const std::string serial = serial_of(address.path); !serial.empty()) mode_.identity += " " + serial;
+  if (mode_.identity.empty()) mode_.identity = "unnamed V4L2 camera";
+  return {};
+}
+
+tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const Address& address) const {
+  // Cameras that offer GREY have monochrome sensors: every pixel sees the laser and the bus carries half the bytes.
+  // YUYV comes from colour sensors, where the laser's own channel is formed from luma and chroma.
+  bool grey = false, yuyv = false;
+  std::string offered;
+  for (std::uint32_t i = 0; i < 256; ++i) {
+    v4l2_fmtdesc format{};
+    format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    format.index = i;
+    const int code = v4l2_ioctl(file_.get(), VIDIOC_ENUM_FMT, &format);
+    if (code == EINVAL) break;
+    if (code != 0) return fault("listing its formats", code, "try another camera");
+    grey = grey || format.pixelformat == V4L2_PIX_FMT_GREY;
+    yuyv = yuyv || format.pixelformat == V4L2_PIX_FMT_YUYV;
+    offered += (offered.empty() ? "" : ", ") + fourcc_text(format.pixelformat);
+  }
+  const std::uint32_t wanted = address.fourcc.value_or(grey ? V4L2_PIX_FMT_GREY : V4L2_PIX_FMT_YUYV);
+  if (wanted == V4L2_PIX_FMT_GREY ? grey : yuyv) return wanted;
+  return unsupported("choosing a format",
+                     (address.fourcc ? "it does not deliver " + fourcc_text(wanted)
+                                     : std::string("it delivers neither GREY nor YUYV")) +
+                         ", it delivers " + (offered.empty() ? "nothing" : offered),
+                     "use a format that it delivers or another camera");
+}
+
+tl::expected<void, CameraError> V4l2Source::set_format(const Address& address, std::uint32_t fourcc) {
+  v4l2_format format{};
+  format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  if (const int code = v4l2_ioctl(file_.get(), VIDIOC_G_FMT, &format); code != 0) {
+    return fault("reading its format", code, "try another camera");
+  }
+  v4l2_pix_format& pixels = format.fmt.pix;
+  pixels.width = address.width.value_or(pixels.width);
+  pixels.height = address.height.value_or(pixels.height);
+  pixels.pixelformat = fourcc;
+  pixels.field = V4L2_FIELD_NONE;
+  // A stride left over from another format would be kept by some drivers.
+  pixels.bytesperline = 0;
+  pixels.sizeimage = 0;
+  const std::string wanted = size_text(pixels.width, pixels.height) + " " + fourcc_text(fourcc);
+  if (const int code = v4l2_ioctl(file_.get(), VIDIOC_S_FMT, &format); code != 0) {
+    return fault("setting the format " + wanted, code,
+                 code == EBUSY ? "another program uses the camera: close it"
+                               : "use a size that `v4l2-ctl --list-formats-ext` lists");
+  }
+  if (pixels.pixelformat != fourcc || (address.width && pixels.width != *address.width) ||
+      (address.height && pixels.height != *address.height)) {
+    return unsupported("setting the format " + wanted,
+                       "the camera offers " + size_text(pixels.width, pixels.height) + " " +
+                           fourcc_text(pixels.pixelformat) + " instead",
+                       "use a size that `v4l2-ctl --list-formats-ext` lists");
+  }
+  if (pixels.field != V4L2_FIELD_NONE) {
+    return unsupported("setting the format " + wanted, "the camera delivers interlaced fields",
+                       "choose a progressive input of the camera");
+  }
+  mode_.format = fourcc == V4L2_PIX_FMT_GREY ? PixelFormat::grey8 : PixelFormat::yuyv;
+  const std::size_t row_bytes = std::size_t{pixels.width} * bytes_per_pixel(mode_.format);
+  mode_.stride_bytes = std::max<std::size_t>(pixels.bytesperline, row_bytes);
+  if (pixels.width < 1 || pixels.width > 65535 || pixels.height < 1 || pixels.height > 65535 ||
+      mode_.stride_bytes * pixels.height > pixels.sizeimage) {
+    return tl::unexpected(
+        camera_fault(Kind::protocol, device_, "setting the format " + wanted,
+                     "the driver's image of " + std::to_string(pixels.sizeimage) + " bytes is smaller than its rows",
+                     "this is a fault of the driver: use another format"));
+  }
+  mode_.width_px = static_cast<int>(pixels.width);
+  mode_.height_px = static_cast<int>(pixels.height);
+  return {};
+}
+
+tl::expected<void, CameraError> V4l2Source::map_buffers() {
+  const char* operation = "getting frame buffers";
+  v4l2_requestbuffers request{};
+  request.count = kBuffers;
+  request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  request.memory = V4L2_MEMORY_MMAP;
+  if (const int code = v4l2_ioctl(file_.get(), VIDIOC_REQBUFS, &request); code != 0) {
+    return fault(
+        operation, code,
+        code == EBUSY ? "another program streams from the camera: close it" : "free some memory or use a smaller size");
+  }
+  requested_ = true;
+  if (request.count < kFewestBuffers) {
+    return unsupported(operation, "the driver gave " + std::to_string(request.count) + " and streaming needs 2",
+                       "free some memory or use a smaller size");
+  }
+  const std::size_t frame_bytes = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
+  for (std::uint32_t i = 0; i < request.count; ++i) {
+    v4l2_buffer buffer{};
+    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    buffer.memory = V4L2_MEMORY_MMAP;
+    buffer.index = i;
+    if (const int code = v4l2_ioctl(file_.get(), VIDIOC_QUERYBUF, &buffer); code != 0) {
+      return fault(operation, code, "try another camera");
+    }
+    if (buffer.length < frame_bytes) {
+      return unsupported(
+          operation,
+          "a buffer has " + std::to_string(buffer.length) + " bytes and a frame " + std::to_string(frame_bytes),
+          "this is a fault of the driver: use another format");
+    }
+    void* address =
+        ::mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, file_.get(), static_cast<off_t>(buffer.m.offset));
+    if (address == MAP_FAILED) return fault("mapping frame buffers", errno, "free some memory");
+    buffers_.push_back({address, buffer.length});
+    if ((buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_COPY) {
+      return unsupported("streaming", "the driver does not stamp frames", "use another camera or driver");
+    }
+    mode_.stamp_point = (buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE
+                            ? StampPoint::start_of_exposure
+                            : StampPoint::end_of_frame;
+  }
+  leases_.resize(buffers_.size());
+  return {};
+}
+
+tl::expected<void, CameraError> V4l2Source::start() {
+  if (streaming_) return {};
+  if (auto mapped = map_buffers(); !mapped) {
+    stop();
+    return mapped;
+  }
+  int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  int code = 0;
+  for (std::uint32_t i = 0; i < buffers_.size() && code == 0; ++i) code = queue(i);
+  if (code == 0) code = v4l2_ioctl(file_.get(), VIDIOC_STREAMON, &type);
+  if (code != 0) {
+    auto error = fault("starting the stream", code,
+                       code == ENOSPC  ? "the USB bus has no room for this format: use a smaller size or another port"
+                       : code == EBUSY ? "another program streams from the camera: close it"
+                                       : "unplug the camera and connect it again");
+    stop();
+    return error;
+  }
+  streaming_ = true;
+  has_sequence_ = false;
+  return {};
+}
+
+void V4l2Source::stop() noexcept {
+  leases_.require_none("the camera was stopped");
+  // Every step is tried: a device that is gone fails them all, and the memory is unmapped all the same.
+  int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  if (std::exchange(streaming_, false)) v4l2_ioctl(file_.get(), VIDIOC_STREAMOFF, &type);
+  for (const Buffer& buffer : buffers_) ::munmap(buffer.address, buffer.size);
+  buffers_.clear();
+  if (std::exchange(requested_, false)) {
+    v4l2_requestbuffers none{};
+    none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    none.memory = V4L2_MEMORY_MMAP;
+    v4l2_ioctl(file_.get(), VIDIOC_REQBUFS, &none);
+  }
+}
+
+tl::expected<Frame, CameraError> V4l2Source::next(std::int64_t timeout_ns) {
+  const char* operation = "waiting for a frame";
+  if (!streaming_) return unsupported(operation, "the stream is not started", "call start() before next()");
+  if (leases_.count() == buffers_.size()) {
+    return tl::unexpected(camera_fault(Kind::busy, device_, operation,
+                                       "all " + std::to_string(buffers_.size()) + " buffers are lent",
+                                       "destroy frames before asking for more", EBUSY));
+  }
+  const std::int64_t deadline = monotonic_ns() + std::max<std::int64_t>(timeout_ns, 0);
+  for (;;) {
+    v4l2_buffer buffer{};
+    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    buffer.memory = V4L2_MEMORY_MMAP;
+    const int code = v4l2_ioctl(file_.get(), VIDIOC_DQBUF, &buffer);
+    if (code == 0) return lend(buffer);
+    if (code != EAGAIN) return fault(operation, code, "stop and start the camera; if it stays so, connect it again");
+    const std::int64_t left = deadline - monotonic_ns();
+    if (left <= 0) {
+      return tl::unexpected(camera_fault(
+          Kind::timed_out, device_, operation, "no frame came within " + std::to_string(timeout_ns / 1'000'000) + " ms",
+          "the stream has stalled: check the cable and the bus, then stop and start the camera", ETIMEDOUT));
+    }
+    // The queue's state is read again after every wait: an error or a hang-up shows in its answer, with its errno.
+    const timespec wait{left / 1'000'000'000, left % 1'000'000'000};
+    pollfd poll{.fd = file_.get(), .events = POLLIN, .revents = 0};
+    if (::ppoll(&poll, 1, &wait, nullptr) < 0 && errno != EINTR)
+      return fault(operation, errno, "open the camera again");
+    if ((poll.revents & (POLLERR | POLLHUP | POLLNVAL)) != 0) {
+      v4l2_buffer last{};
+      last.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+      last.memory = V4L2_MEMORY_MMAP;
+      const int cause = v4l2_ioctl(file_.get(), VIDIOC_DQBUF, &last);
+      if (cause == 0) return lend(last);
+      // A queue in error that has nothing to say would make this loop spin.
+      return fault(operation, cause == EAGAIN ? EIO : cause,
+                   "stop and start the camera; if it stays so, connect it again");
+    }
+  }
+}
+
+tl::expected<Frame, CameraError> V4l2Source::lend(const v4l2_buffer& buffer) {
+  if (buffer.index >= buffers_.size() || leases_.is_lent(buffer.index)) {
+    return tl::unexpected(camera_fault(Kind::protocol, device_, "waiting for a frame",
+                                       "the driver named buffer " + std::to_string(buffer.index),
+                                       "open the camera again"));
+  }
+  if ((buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) != V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC) {
+    static_cast<void>(queue(buffer.index));
+    return unsupported(
+        "matching frames to angles",
+        "the driver's time stamps are not of CLOCK_MONOTONIC (flags " + std::to_string(buffer.flags) + ")",
+        "use another driver, or load uvcvideo with clock=CLOCK_MONOTONIC");
+  }
+  const std::size_t frame_bytes = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
+  FrameInfo info;
+  // The driver counts in 32 bits and starts anew with the stream.
+  const std::uint32_t step = buffer.sequence - static_cast<std::uint32_t>(last_sequence_);
+  info.sequence = has_sequence_ ? last_sequence_ + step : buffer.sequence;
+  info.lost_before = has_sequence_ && step > 0 ? step - 1 : 0;
+  info.stamp_ns = std::int64_t{buffer.timestamp.tv_sec} * 1'000'000'000 + std::int64_t{buffer.timestamp.tv_usec} * 1000;
+  info.exposure_ns = mode_.exposure_ns;
+  info.corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused < frame_bytes;
+  last_sequence_ = info.sequence;
+  has_sequence_ = true;
+  leases_.lend(buffer.index);
+  return Frame(this, buffer.index, {static_cast<const std::uint8_t*>(buffers_[buffer.index].address), frame_bytes},
+               info);
+}
+
+}  // namespace
+
+tl::expected<std::unique_ptr<FrameSource>, CameraError> open_v4l2_source(const std::string& text) {
+  const auto address = parse_address(text);
+  if (!address) return tl::unexpected(address.error());
+  const std::string device = "v4l2:" + address->path;
+  FileDescriptor file(::open(address->path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+  if (!file) {
+    const int code = errno;
+    const auto fault = [&](Kind kind, const char* remedy) {
+      return tl::unexpected(camera_fault(kind, device, "opening", code, remedy));
+    };
+    switch (code) {
+      case ENOENT:
+        return fault(Kind::not_found, "connect the camera; `v4l2-ctl --list-devices` lists those that are there");
+      case ENODEV:
+      case ENXIO:
+        return fault(Kind::unplugged, kConnectAgain);
+      case EACCES:
+      case EPERM:
+        return fault(Kind::permission, "add the user of this program to the group video and log in again");
+      case EBUSY:
+        return fault(Kind::busy, "another program uses the camera: close it");
+      default:
+        return fault(Kind::system, "check the address of the camera");
+    }
+  }
+  auto source = std::make_unique<V4l2Source>(device, std::move(file));
+  if (auto ready = source->configure(*address); !ready) return tl::unexpected(std::move(ready.error()));
+  return source;
+}
+
+}  // namespace celadon
