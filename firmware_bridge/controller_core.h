@@ -113,6 +113,8 @@ class ControllerCore {
   LampPattern lamp() const { return shown_lamp_; }
   std::uint16_t lasers_enabled() const { return enabled_; }
   std::uint16_t button_presses() const { return presses_; }
+  /// As of the last step, rounded up; 0 when the laser is off. Feeds no heartbeat.
+  std::uint16_t lease_left_ms(int laser) const;
   bool local_action_needed() const { return locked_; }
 
  private:
@@ -130,6 +132,7 @@ class ControllerCore {
   void guard();
   void advance_axis(int index);
   void debounce();
+  std::uint16_t heartbeat_left_ms() const;
   void show_lamp();
   void feed_heartbeat();
   bool any_motion() const;

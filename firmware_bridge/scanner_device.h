@@ -17,7 +17,7 @@
 namespace celadon {
 
 struct DeviceIdentity {
-  std::string machine;  ///< vendor, model and serial number as one text; calibration files quote it
+  std::string machine;  ///< "VENDOR MODEL SERIAL"; calibration files quote it
   std::uint16_t protocol_major = 0, protocol_minor = 0, firmware_version = 0;
   bool simulated = false;
 };
@@ -25,10 +25,12 @@ struct DeviceIdentity {
 struct DeviceCapabilities {
   int axes = 1, lasers = 1;
   bool endless_rotation = true;
-  double travel_rad = 0, encoder_resolution_rad = 0, max_speed_rad_per_s = 0, max_acceleration_rad_per_s2 = 0;
+  double travel_rad = 0;  ///< 0 if endless
+  double encoder_resolution_rad = 0, max_speed_rad_per_s = 0, max_acceleration_rad_per_s2 = 0;
   int laser_class = 2;          ///< 1, 2, 3 (3R), 4 (3B) as printed in PROTOCOL.md; read-only identity
   std::int64_t lease_ms = 500;  ///< longest laser lease the controller grants
   bool host_watchdog = true;
+  std::int64_t heartbeat_timeout_ms = 1000;  ///< silence after which the controller stops motor and lasers
 };
 
 /// Everything one poll (one block read) brings.
@@ -45,7 +47,12 @@ struct DeviceStatus {
   bool button_down = false;
   std::uint16_t button_presses = 0;  ///< latched counter, wraps
   std::uint16_t fault_code = 0;
-  std::string fault_text;                              ///< meaning of fault_code
+  std::string fault_text;  ///< meaning of fault_code, empty for none
+  bool homed = false;
+  bool local_action_needed = false;     ///< commands are refused until the button on the machine is pressed
+  LampPattern lamp = LampPattern::off;  ///< as shown
+  std::uint16_t boot_id = 0;            ///< changes with every start of the controller
+  std::uint64_t uptime_us = 0;          ///< controller's clock when it replied
   std::int64_t host_before_ns = 0, host_after_ns = 0;  ///< around the exchange
 };
 
@@ -68,9 +75,11 @@ class ScannerDevice {
   const DeviceCapabilities& capabilities() const;
   const SafeReport& found_at_open() const;
 
-  /// One block read; also the heartbeat. Retries are bounded; a lost link is reported as such.
+  /// One block read; also the heartbeat. Retries are bounded; a lost link is reported as such, and so is, once, a
+  /// controller that restarted since the last poll (it is unhomed then, and dark).
   tl::expected<DeviceStatus, DeviceError> poll();
-  /// Presses since the last call: none is lost between polls or across reconnects.
+  /// Presses seen by polls since the last call: none is lost between polls or across reconnects. Presses from before
+  /// open() do not count, those after a restart of the controller do.
   std::uint16_t take_button_presses();
 
   /// Finds the index; returns at standstill. Polls while waiting.
@@ -79,6 +88,8 @@ class ScannerDevice {
   tl::expected<DeviceStatus, DeviceError> rotate_to(double angle_rad, double speed_rad_per_s);
   /// Starts a constant-speed move to angle_rad and returns once it moves; poll() follows it.
   tl::expected<void, DeviceError> start_sweep(double angle_rad, double speed_rad_per_s);
+  /// Releases a machine that was stopped or had a fault; it starts nothing. After a fault home() must follow.
+  tl::expected<void, DeviceError> clear_fault();
   /// Stops the motor with its deceleration; returns at standstill.
   tl::expected<void, DeviceError> stop();
 
