@@ -1,7 +1,7 @@
 #pragma once
-// Streamed sums of a range fit: polynomial moments per cell of a dyadic grid over (z, v), from which the normal equations
-// of every space nested in the grid follow exactly. Memory does not depend on the number of samples.
-// Source: README.md, "Accumulation".
+// Streamed sums of a range fit: polynomial moments per cell of a dyadic grid over (z, v), from which the normal
+// equations of every space nested in the grid follow exactly. Memory does not depend on the number of samples. Source:
+// README.md, "Accumulation".
 
 #include <Eigen/Core>
 #include <cstddef>
@@ -9,7 +9,9 @@
 #include <span>
 #include <vector>
 
+#include "fitting/aligned_allocator.h"
 #include "fitting/base_arcs.h"
+#include "fitting/moment_layout.h"
 #include "fitting/profile.h"
 
 namespace celadon {
@@ -28,9 +30,12 @@ enum class WeightRule : std::uint8_t { unit, covariance };
 
 class MomentGrid {
  public:
+  /// @throws std::invalid_argument for an empty or not finite band, numbers of intervals that are no powers of two, or
+  /// degrees outside 1..5
   explicit MomentGrid(const GridSpecification& specification, WeightRule rule = WeightRule::unit);
 
   const GridSpecification& specification() const { return specification_; }
+  WeightRule rule() const { return rule_; }
 
   /// Add a profile in general position (each sample its own theta, optional weights of length n; empty = 1).
   /// Samples outside the band, with r <= 0 or not finite are counted as rejected, never added.
@@ -41,26 +46,45 @@ class MomentGrid {
   /// Add points x, y, z (axis = z).
   void add_cartesian(std::span<const double> x_mm, std::span<const double> y_mm, std::span<const double> z_mm);
   /// Add a complete regular grid: r_mm(i, j) at theta_i = 2 pi (i + offset)/rows and the given z_j.
-  void add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>& r_mm, double theta_offset_rad,
-                   std::span<const double> z_mm);
+  void add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>& r_mm,
+                   double theta_offset_rad, std::span<const double> z_mm);
 
   /// Sums of another grid with the same specification and rule. @throws std::invalid_argument naming what differs
   void merge(const MomentGrid& other);
 
   std::size_t samples() const { return samples_; }
-  std::size_t rejected() const { return rejected_; }
-  double sum_weight() const { return sum_weight_; }
-  double sum_weighted_square() const { return sum_wrr_; }
+  std::size_t rejected() const { return rejected_on_axis_ + rejected_not_finite_ + rejected_outside_; }
+  std::size_t rejected_on_axis() const { return rejected_on_axis_; }        ///< r <= 0
+  std::size_t rejected_not_finite() const { return rejected_not_finite_; }  ///< a NaN, an infinity or a weight <= 0
+  std::size_t rejected_outside() const { return rejected_outside_; }        ///< z outside the band
+  double sum_weight() const;
+  double sum_weighted_range() const;
+  double sum_weighted_square() const;
   std::size_t memory_bytes() const;
 
+  const BaseArcs& arcs() const { return arcs_; }
+  int z_cells() const { return specification_.z_intervals; }
+  int v_cells() const { return arcs_.count() * specification_.intervals_per_arc; }
+  /// Lower edge of a z cell; edge z_cells() is the end of the band.
+  double z_edge_mm(int z_cell) const;
+  const MomentLayout& layout() const { return layout_; }
+  /// The sums of one cell, laid out as layout() says.
+  const double* cell(int z_cell, int v_cell) const {
+    return cells_.data() +
+           static_cast<std::size_t>(v_cell * z_cells() + z_cell) * static_cast<std::size_t>(layout_.stride());
+  }
+  /// Sum of the weights in one cell (the number of samples when they are 1).
+  double cell_weight(int z_cell, int v_cell) const { return cell(z_cell, v_cell)[0]; }
+
  private:
-  friend class NormalEquations;
+  void count_rejected(std::span<const double> r_mm, std::span<const double> v, std::span<const double> z_mm,
+                      std::span<const double> weight);
   GridSpecification specification_;
   WeightRule rule_;
   BaseArcs arcs_ = BaseArcs::full_circle();
-  std::vector<double> cells_;
-  std::size_t cell_stride_ = 0, samples_ = 0, rejected_ = 0;
-  double sum_weight_ = 0, sum_wr_ = 0, sum_wrr_ = 0;
+  MomentLayout layout_;
+  AlignedVector<double> cells_;
+  std::size_t samples_ = 0, rejected_on_axis_ = 0, rejected_not_finite_ = 0, rejected_outside_ = 0;
 };
 
 }  // namespace celadon

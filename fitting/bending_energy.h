@@ -1,0 +1,32 @@
+#pragma once
+// The bending energy of a range function in millimetres, as a sum of products of one-dimensional Gram matrices:
+//   E(F) = integral of r_zz^2 + 2 r_zs^2 + r_ss^2 dz ds,  s = r_mean theta,  r_thetatheta = F_vv v'^2 + F_v v''
+//        = U2 x V0 + 2 U1 x V1 + U0 x V2 over free coefficients. Source: README.md, "Smoothing".
+
+#include <Eigen/Core>
+#include <array>
+
+#include "fitting/base_arcs.h"
+#include "fitting/range_space.h"
+#include "fitting/stencil_matrix.h"
+
+namespace celadon {
+
+/// Integrals of the products of k-th derivatives, k = 0, 1, 2, of a space's free functions.
+using GramMatrices = std::array<Eigen::MatrixXd, 3>;
+
+/// With respect to the space's own parameter (z in mm for the spaces along u).
+GramMatrices gram_matrices(const RangeSpace& space);
+/// With respect to arc length r_mean_mm * theta, of a space over the arcs' v.
+GramMatrices gram_matrices(const RangeSpace& space, const BaseArcs& arcs, double r_mean_mm);
+
+/// The energy of a pair of spaces.
+struct BendingEnergy {
+  GramMatrices along_u, along_v;
+  /// The trace of its matrix.
+  double trace() const;
+  /// matrix += factor * energy. @pre the matrix belongs to the same pair of spaces
+  void add_to(StencilMatrix& matrix, double factor) const;
+};
+
+}  // namespace celadon

@@ -1,0 +1,211 @@
+#include "fitting/normal_solver.h"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+
+namespace celadon {
+namespace {
+
+constexpr int kSmall = 320;  // unknowns up to which the direct factor is always the quicker way
+
+using MapMatrix = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>;
+
+double dot(const AlignedVector<double>& a, const AlignedVector<double>& b) {
+  using Vector = Eigen::Map<const Eigen::VectorXd>;
+  const auto n = static_cast<Eigen::Index>(a.size());
+  return Vector(a.data(), n).dot(Vector(b.data(), n));
+}
+
+}  // namespace
+
+// (A + mu E)^-1 were the samples spread evenly: A = density Gu x Gv, inverted through the two Gram matrices. Without
+// smoothing each unknown is scaled by what the samples put on the diagonal; with it, both pairs (G, second derivatives)
+// are diagonalised, where the energy's eigenvalues are nearly (sqrt(a) + sqrt(b))^2.
+struct NormalSolver::Preconditioner {
+  Eigen::MatrixXd left_u, right_v;  // z = left_u * (D . (left_u' r right_v)) * right_v'  or  left_u * r * right_v
+  Eigen::ArrayXXd scale;
+  bool spectral = false;
+
+  Preconditioner(const NormalEquations& equations, const BendingEnergy& energy, double mu) {
+    const StencilMatrix& a = equations.matrix();
+    const Eigen::MatrixXd &gu = energy.along_u[0], &gv = energy.along_v[0];
+    scale.resize(a.count_u(), a.count_v());
+    spectral = mu > 0;
+    if (spectral) {
+      const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> eu(energy.along_u[2], gu),
+          ev(energy.along_v[2], gv);
+      left_u = eu.eigenvectors();
+      right_v = ev.eigenvectors();
+      double trace = 0;
+      for (int j = 0; j < a.count_v(); ++j)
+        for (int i = 0; i < a.count_u(); ++i) trace += a.diagonal(i, j);
+      const double density = trace / (gu.trace() * gv.trace());
+      for (int j = 0; j < a.count_v(); ++j)
+        for (int i = 0; i < a.count_u(); ++i) {
+          const double root =
+              std::sqrt(std::max(eu.eigenvalues()(i), 0.0)) + std::sqrt(std::max(ev.eigenvalues()(j), 0.0));
+          scale(i, j) = 1 / (density + mu * root * root);
+        }
+    } else {
+      left_u = gu.llt().solve(Eigen::MatrixXd::Identity(gu.rows(), gu.cols()));
+      right_v = gv.llt().solve(Eigen::MatrixXd::Identity(gv.rows(), gv.cols()));
+      for (int j = 0; j < a.count_v(); ++j)
+        for (int i = 0; i < a.count_u(); ++i) {
+          const double d = a.diagonal(i, j);
+          scale(i, j) = d > 0 ? std::sqrt(gu(i, i) * gv(j, j) / d) : 0;
+        }
+    }
+  }
+
+  void apply(const StencilMatrix& a, const AlignedVector<double>& r, AlignedVector<double>& z, Eigen::MatrixXd& work,
+             Eigen::MatrixXd& half) const {
+    const Eigen::Index stride = static_cast<Eigen::Index>(a.field_size()) / a.count_v();
+    const Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>> from(r.data() + a.at(0, 0), a.count_u(),
+                                                                          a.count_v(), Eigen::OuterStride<>(stride));
+    Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>> to(z.data() + a.at(0, 0), a.count_u(), a.count_v(),
+                                                            Eigen::OuterStride<>(stride));
+    if (spectral) {
+      half.noalias() = left_u.transpose() * from;
+      work.noalias() = half * right_v;
+      work.array() *= scale;
+      half.noalias() = left_u * work;
+      to.noalias() = half * right_v.transpose();
+    } else {
+      work = (from.array() * scale).matrix();
+      half.noalias() = left_u * work;
+      work.noalias() = half * right_v;
+      to = (work.array() * scale).matrix();
+    }
+  }
+};
+
+BendingEnergy bending_energy(const NormalEquations& equations) {
+  const double r = equations.mean_range() > 0 ? equations.mean_range() : 1;
+  return {gram_matrices(equations.space().u), gram_matrices(equations.space().v, equations.arcs(), r)};
+}
+
+NormalSolver::NormalSolver(const NormalEquations& equations, double smoothing, const Options& options)
+    : equations_(equations), options_(options) {
+  const StencilMatrix& a = equations.matrix();
+  energy_ = bending_energy(equations);
+  if (smoothing > 0) {
+    double trace = 0;
+    for (int j = 0; j < a.count_v(); ++j)
+      for (int i = 0; i < a.count_u(); ++i) trace += a.diagonal(i, j);
+    const double energy = energy_->trace();
+    mu_ = energy > 0 ? smoothing * trace / energy : 0;
+  }
+  if (mu_ > 0) {
+    regularised_ = a;
+    energy_->add_to(*regularised_, mu_);
+  }
+}
+
+NormalSolver::NormalSolver(const NormalEquations& equations, double smoothing)
+    : NormalSolver(equations, smoothing, Options{}) {}
+
+bool NormalSolver::factorise() {
+  if (!factor_) factor_ = std::make_unique<BlockCholesky>(system());
+  return factor_->ok();
+}
+
+bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, AlignedVector<double>& x) {
+  const StencilMatrix& a = system();
+  if (!preconditioner_) preconditioner_ = std::make_shared<const Preconditioner>(equations_, *energy_, mu_);
+  AlignedVector<double> r(b), z(b.size(), 0.0), p, q(b.size());
+  Eigen::MatrixXd work(a.count_u(), a.count_v()), half(a.count_u(), a.count_v());
+  x.assign(b.size(), 0.0);
+  preconditioner_->apply(a, r, z, work, half);
+  p = z;
+  double rz = dot(r, z);
+  const double target = options_.tolerance * options_.tolerance * rz;
+  for (iterations_ = 0; rz > target; ++iterations_) {
+    if (iterations_ == options_.max_iterations) return false;
+    a.multiply(p.data(), q.data());
+    const double curvature = dot(p, q);
+    if (!(curvature > 0)) return false;
+    const double alpha = rz / curvature;
+    for (std::size_t k = 0; k < x.size(); ++k) {
+      x[k] += alpha * p[k];
+      r[k] -= alpha * q[k];
+    }
+    preconditioner_->apply(a, r, z, work, half);
+    const double next = dot(r, z), beta = next / rz;
+    rz = next;
+    for (std::size_t k = 0; k < p.size(); ++k) p[k] = z[k] + beta * p[k];
+  }
+  return std::isfinite(rz);
+}
+
+bool NormalSolver::solve_field(const AlignedVector<double>& b, AlignedVector<double>& x) {
+  if (!factor_ && !options_.direct && equations_.matrix().size() > kSmall && conjugate_gradients(b, x)) return true;
+  if (!factorise()) return false;
+  x.resize(b.size());
+  factor_->solve(b.data(), x.data());
+  return true;
+}
+
+// Solved about the mean range, where the right-hand side is small and rounding with it.
+std::optional<Eigen::MatrixXd> NormalSolver::solve() {
+  const Eigen::MatrixXd mean =
+      Eigen::MatrixXd::Constant(equations_.matrix().count_u(), equations_.matrix().count_v(), equations_.mean_range());
+  const auto correction = apply_inverse(equations_.gradient(mean));
+  if (!correction) return std::nullopt;
+  return mean + *correction;
+}
+
+std::optional<Eigen::MatrixXd> NormalSolver::apply_inverse(const Eigen::MatrixXd& y) {
+  AlignedVector<double> x;
+  if (!solve_field(equations_.to_field(y), x)) return std::nullopt;
+  return equations_.to_matrix(x);
+}
+
+double NormalSolver::effective_parameters() {
+  const StencilMatrix& a = equations_.matrix();
+  const int nu = a.count_u(), nv = a.count_v(), n = a.size();
+  if (mu_ <= 0) return equations_.supported_unknowns();
+  // tr (A + mu E)^-1 A = mean of z' (A + mu E)^-1 A z over signs z: all unit vectors when small, else fixed signs, the
+  // same for every mu so that their noise cancels in comparisons.
+  const bool exact = n <= kSmall;
+  const int probes = exact ? n : 4;
+  std::uint64_t state = 0x9e3779b97f4a7c15u;
+  double sum = 0;
+  AlignedVector<double> product(a.field_size());
+  for (int k = 0; k < probes; ++k) {
+    Eigen::MatrixXd z = Eigen::MatrixXd::Zero(nu, nv);
+    if (exact) {
+      z(k % nu, k / nu) = 1;
+    } else {
+      for (Eigen::Index i = 0; i < z.size(); ++i) {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        z.data()[i] = (state >> 33) & 1 ? 1 : -1;
+      }
+    }
+    const auto field = equations_.to_field(z);
+    a.multiply(field.data(), product.data());
+    const auto x = apply_inverse(equations_.to_matrix(product));
+    if (!x) return n;
+    sum += z.cwiseProduct(*x).sum();
+  }
+  return exact ? sum : sum / probes;
+}
+
+RangeFunction range_function(const NormalEquations& equations, const Eigen::MatrixXd& free) {
+  const auto &u = equations.space().u, &v = equations.space().v;
+  BaseCylinder base;
+  base.arcs = equations.arcs();
+  base.z_start_mm = u.breaks().front();
+  base.z_end_mm = u.breaks().back();
+  std::vector<double> knots_u(u.knots());
+  for (double& k : knots_u) k = std::clamp((k - base.z_start_mm) / (base.z_end_mm - base.z_start_mm), 0.0, 1.0);
+  const Eigen::MatrixXd along_u = u.extraction() * free;
+  Eigen::MatrixXd coefficients = along_u * v.extraction().transpose();
+  return {base, u.degree(), v.degree(), std::move(knots_u), v.knots(), std::move(coefficients)};
+}
+
+}  // namespace celadon

@@ -1,0 +1,109 @@
+#pragma once
+// From streamed sums to the normal equations of any pair of nested spaces, and their solution.
+// Source: README.md, "Restriction" and "Solver".
+
+#include <Eigen/Core>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "fitting/bending_energy.h"
+#include "fitting/block_cholesky.h"
+#include "fitting/moment_grid.h"
+#include "fitting/range_function.h"
+#include "fitting/range_space.h"
+#include "fitting/stencil_matrix.h"
+
+namespace celadon {
+
+/// The pair of spaces a range function is sought in: u over z in millimetres, v over the arcs' parameter.
+struct FitSpace {
+  RangeSpace u, v;
+  int unknowns() const { return u.free_count() * v.free_count(); }
+};
+
+/// A x = b of weighted least squares over the free coefficients of a pair of spaces, from the sums of a finer grid.
+class NormalEquations {
+ public:
+  /// @pre the breaks of both spaces lie on edges of the grid's cells, their degrees do not exceed the grid's
+  /// @throws std::invalid_argument if not
+  NormalEquations(const MomentGrid& sums, FitSpace space);
+
+  const FitSpace& space() const { return space_; }
+  const BaseArcs& arcs() const { return arcs_; }
+  const StencilMatrix& matrix() const { return matrix_; }
+  const AlignedVector<double>& right_hand_side() const { return rhs_; }
+  /// Sum of the weights and of w r^2 over the samples inside the u space.
+  double weight() const { return weight_; }
+  double weighted_square() const { return square_; }
+  double mean_range() const { return weight_ > 0 ? range_ / weight_ : 0; }
+  /// Intervals of the spaces' own grid without any sample, and how many unknowns have samples under them.
+  int empty_cells() const { return empty_cells_; }
+  int supported_unknowns() const;
+
+  /// Residual sum of squares of a coefficient matrix (free, n_u x n_v). Resolves an RMS of about 1e-8 of the range.
+  double residual_square(const Eigen::MatrixXd& free) const;
+  /// x^T A x and b^T x, from fields or matrices of free coefficients.
+  double quadratic(const Eigen::MatrixXd& free) const;
+  /// b - A x, as a matrix.
+  Eigen::MatrixXd gradient(const Eigen::MatrixXd& free) const;
+
+  AlignedVector<double> to_field(const Eigen::MatrixXd& free) const;
+  Eigen::MatrixXd to_matrix(const AlignedVector<double>& field) const;
+
+ private:
+  void assemble(const MomentGrid& sums);
+  FitSpace space_;
+  BaseArcs arcs_;
+  StencilMatrix matrix_;
+  AlignedVector<double> rhs_;
+  double weight_ = 0, range_ = 0, square_ = 0;
+  int empty_cells_ = 0;
+};
+
+/// Solves (A + mu E) x = y for one mu >= 0: conjugate gradients with a Kronecker preconditioner, the direct factor when
+/// they do not converge or the system is small.
+class NormalSolver {
+ public:
+  struct Options {
+    double tolerance = 1e-11;  ///< of the preconditioned residual, relative to the start
+    int max_iterations = 60;
+    bool direct = false;  ///< do not try the iteration
+  };
+  /// `smoothing` is mu relative to trace A / trace E; 0 leaves the matrix alone. The equations must outlive the solver.
+  NormalSolver(const NormalEquations& equations, double smoothing, const Options& options);
+  NormalSolver(const NormalEquations& equations, double smoothing = 0);
+
+  /// The minimiser of |F - r|^2 + mu E(F). std::nullopt: the samples do not determine it.
+  std::optional<Eigen::MatrixXd> solve();
+  /// (A + mu E)^-1 y. @pre solve() has succeeded
+  std::optional<Eigen::MatrixXd> apply_inverse(const Eigen::MatrixXd& y);
+  /// tr (A + mu E)^-1 A, the effective number of parameters: exact for small systems, else estimated from fixed probes.
+  double effective_parameters();
+
+  int iterations() const { return iterations_; }
+  bool direct() const { return static_cast<bool>(factor_); }
+
+ private:
+  struct Preconditioner;
+  const StencilMatrix& system() const { return regularised_ ? *regularised_ : equations_.matrix(); }
+  bool conjugate_gradients(const AlignedVector<double>& b, AlignedVector<double>& x);
+  bool solve_field(const AlignedVector<double>& b, AlignedVector<double>& x);
+  bool factorise();
+  const NormalEquations& equations_;
+  Options options_;
+  double mu_ = 0;
+  std::optional<BendingEnergy> energy_;
+  std::optional<StencilMatrix> regularised_;
+  std::shared_ptr<const Preconditioner> preconditioner_;
+  std::unique_ptr<BlockCholesky> factor_;
+  int iterations_ = 0;
+};
+
+/// The bending energy of a pair of spaces at the sums' mean range.
+BendingEnergy bending_energy(const NormalEquations& equations);
+
+/// The range function of free coefficients, over the whole band of its u space.
+RangeFunction range_function(const NormalEquations& equations, const Eigen::MatrixXd& free);
+
+}  // namespace celadon
