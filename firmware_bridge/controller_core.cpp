@@ -40,6 +40,7 @@ ControllerCore::ControllerCore(const ControllerConfig& config, Plant& plant, std
                                std::uint64_t now_us)
     : config_(config), plant_(plant), boot_id_(boot_id), now_us_(now_us), locked_(config.locked_at_start) {
   plant_.set_lasers(0, now_us);
+  for (int i = 0; i < config_.axes; ++i) plant_.stop(i, now_us);  // whatever ran before a reset does not go on
   for (std::uint64_t& deadline : dark_deadline_us_) deadline = now_us + config_.laser_off_limit_ms * 1000u;
   if (!plant_.inputs(now_us).button) raw_button_ = button_ = false;
   plant_.set_lamp(shown_lamp_, now_us);
