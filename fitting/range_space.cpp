@@ -110,7 +110,8 @@ void RangeSpace::extract_simple_periodic() {
   const int shift = (degree_ + 1) / 2;  // endless coefficient i belongs to free function (i - shift) mod n
   Triplets entries;
   for (int i = 0; i < count; ++i) {
-    for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator it(refined.map, first + i); it; ++it) {
+    const int row = i + 1 < count ? first + i : first;  // F(0) = F(4) to the bit
+    for (Eigen::SparseMatrix<double, Eigen::RowMajor>::InnerIterator it(refined.map, row); it; ++it) {
       const int free = ((static_cast<int>(it.col()) - shift) % n + n) % n;
       entries.emplace_back(i, free, it.value());
     }
