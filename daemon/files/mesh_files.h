@@ -17,11 +17,15 @@ struct TriangleMesh {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
-/// The fitted wall and a plane disc at each end. No point of the wall is further than chord_mm from the mesh.
-/// @pre chord_mm > 0
+/// The fitted wall and a plane disc at each end. No point of the wall is further than chord_mm from the mesh: grid
+/// lines follow bounds on the second derivatives of the range function, and every cell is proved (README.md, "Meshes").
+/// @pre chord_mm > 0, range closed around the axis and positive
+/// @throws std::length_error if more than 100 million triangles would be needed
 TriangleMesh mesh_of(const RangeFunction& range, double chord_mm);
 
-/// Complete file contents; deterministic. `header` is one line (simulated or not, chord tolerance, units).
+/// Complete file contents; deterministic. `header` is one line (simulated or not, chord tolerance, units). Coordinates
+/// are 32-bit floats, as readers expect: they add up to 6e-8 of the size to the chord tolerance. STL keeps the first 80
+/// bytes of the header.
 std::string binary_stl(const TriangleMesh& mesh, const std::string& header);
 std::string binary_ply(const TriangleMesh& mesh, const std::string& header);
 

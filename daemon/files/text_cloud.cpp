@@ -108,7 +108,8 @@ Opened open_text(const InputFile& file, bool& native) {
     const bool some_number =
         std::any_of(names.begin(), names.end(), [](const auto& n) { return parse_number(n).has_value(); });
     if (!take_header(line, layout, native) && (names.size() < 3 || some_number)) {
-      return wrong(in_quotes(line) + " is neither a header of column names nor three numbers; the file is none of PLY, " +
+      return wrong(in_quotes(line) +
+                   " is neither a header of column names nor three numbers; the file is none of PLY, " +
                    "PCD, XYZ and CSV, or damaged");
     }
   }

@@ -1,0 +1,265 @@
+#include "daemon/files/mesh_files.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <numbers>
+#include <stdexcept>
+
+#include "daemon/files/chord_bound.h"
+#include "fitting/range_function.h"
+
+namespace celadon {
+namespace {
+
+constexpr std::size_t largest_grid = 50'000'000;
+
+/// Density of grid lines that an interval between knots asks for at scale 1.
+struct Stretch {
+  double from, to, density;
+  bool kink_after;
+};
+
+/// Grid lines at equal shares of the integral of the density, and at every kink.
+std::vector<double> lines(const std::vector<Stretch>& stretches, double scale) {
+  std::vector<double> lines = {stretches.front().from};
+  for (std::size_t first = 0; first < stretches.size();) {
+    std::size_t last = first;
+    double total = 0;
+    for (;; ++last) {
+      total += (stretches[last].to - stretches[last].from) * stretches[last].density;
+      if (last + 1 == stretches.size() || stretches[last].kink_after) {
+        break;
+      }
+    }
+    const double pieces = std::max(1.0, std::ceil(total * scale));
+    if (pieces > static_cast<double>(largest_grid)) {
+      throw std::length_error(
+          "mesh_of: the chord tolerance asks for more than 100 million triangles; take a larger one");
+    }
+    double before = 0;
+    std::size_t at = first;
+    for (double piece = 1; piece < pieces; ++piece) {
+      const double wanted = total * piece / pieces;
+      const auto weight = [&] { return (stretches[at].to - stretches[at].from) * stretches[at].density; };
+      while (at < last && before + weight() < wanted) {
+        before += weight();
+        ++at;
+      }
+      lines.push_back(std::min(stretches[at].to, stretches[at].from + (wanted - before) / stretches[at].density));
+    }
+    lines.push_back(stretches[last].to);
+    first = last + 1;
+  }
+  return lines;
+}
+
+/// For each interval between lines, the first and the last of the table's intervals it touches.
+std::vector<std::pair<std::size_t, std::size_t>> touched(const std::vector<double>& lines,
+                                                         const std::vector<double>& borders) {
+  std::vector<std::pair<std::size_t, std::size_t>> spans;
+  std::size_t first = 0;
+  for (std::size_t i = 0; i + 1 < lines.size(); ++i) {
+    while (first + 2 < borders.size() && borders[first + 1] <= lines[i]) {
+      ++first;
+    }
+    std::size_t last = first;
+    while (last + 2 < borders.size() && borders[last + 1] < lines[i + 1]) {
+      ++last;
+    }
+    spans.emplace_back(first, last);
+  }
+  return spans;
+}
+
+/// A tensor grid over the wall; theta's last line is its first one again.
+struct Grid {
+  std::vector<double> theta_rad, z_mm;
+  std::vector<double> r_mm;  ///< row by row of constant z, theta.size() - 1 each
+
+  std::size_t around() const { return theta_rad.size() - 1; }
+  double r(std::size_t row, std::size_t column) const { return r_mm[row * around() + column % around()]; }
+};
+
+class Mesher {
+ public:
+  Mesher(const RangeFunction& range, double chord_mm) : range_(range), chord_mm_(chord_mm), table_(range) {
+    const std::size_t rows = table_.z_mm().size() - 1;
+    const std::size_t columns = table_.theta_rad().size() - 1;
+    // Errors of both directions add up: an equal share for each is the cheapest (README.md, "Meshes").
+    const double unit = std::sqrt(8 * chord_mm);
+    for (std::size_t j = 0; j < columns; ++j) {
+      RangeBounds bounds;
+      for (std::size_t i = 0; i < rows; ++i) {
+        bounds.widen(table_.at(i, j));
+      }
+      const double bend = bounds.bend + 2 * bounds.slope_max * bounds.slope_max * bounds.r_max;
+      const double density = std::max(std::sqrt(bend) / unit, 16 / (2 * std::numbers::pi));
+      around_.push_back(
+          {table_.theta_rad()[j], table_.theta_rad()[j + 1], density, j + 1 < columns && table_.theta_kink()[j]});
+    }
+    const double height = table_.z_mm().back() - table_.z_mm().front();
+    for (std::size_t i = 0; i < rows; ++i) {
+      RangeBounds bounds;
+      for (std::size_t j = 0; j < columns; ++j) {
+        bounds.widen(table_.at(i, j));
+      }
+      // The second term holds the twist of a cell down where the wall is straight but slanted.
+      const double density = std::sqrt(bounds.r_zz) / unit + 4 * bounds.r_z / bounds.r_max;
+      upward_.push_back({table_.z_mm()[i], table_.z_mm()[i + 1], std::max(density, 1e-3 / height),
+                         i + 1 < rows && table_.z_kink()[i]});
+    }
+  }
+
+  /// The coarsest grid of a geometric ladder whose every cell is proved.
+  Grid grid() const {
+    for (double scale = 0.7;; scale *= 1.06) {
+      Grid grid;
+      grid.theta_rad = lines(around_, scale);
+      grid.z_mm = lines(upward_, scale);
+      if (static_cast<double>(grid.around()) * static_cast<double>(grid.z_mm.size()) >
+          static_cast<double>(largest_grid)) {
+        throw std::length_error(
+            "mesh_of: the chord tolerance asks for more than 100 million triangles; take a larger one");
+      }
+      const std::size_t count = grid.around() * grid.z_mm.size();
+      std::vector<double> theta(count);
+      std::vector<double> z(count);
+      for (std::size_t k = 0; k < count; ++k) {
+        theta[k] = grid.theta_rad[k % grid.around()];
+        z[k] = grid.z_mm[k / grid.around()];
+      }
+      grid.r_mm.resize(count);
+      range_.evaluate(theta.data(), z.data(), count, grid.r_mm.data());
+      if (proved(grid)) {
+        return grid;
+      }
+    }
+  }
+
+ private:
+  bool proved(const Grid& grid) const {
+    const auto rows = touched(grid.z_mm, table_.z_mm());
+    const auto columns = touched(grid.theta_rad, table_.theta_rad());
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      for (std::size_t j = 0; j < columns.size(); ++j) {
+        RangeBounds bounds;
+        for (std::size_t a = rows[i].first; a <= rows[i].second; ++a) {
+          for (std::size_t b = columns[j].first; b <= columns[j].second; ++b) {
+            bounds.widen(table_.at(a, b));
+          }
+        }
+        const CellCorners corners{grid.r(i, j), grid.r(i, j + 1), grid.r(i + 1, j), grid.r(i + 1, j + 1)};
+        const double h_theta = grid.theta_rad[j + 1] - grid.theta_rad[j];
+        if (chord_bound_mm(bounds, corners, h_theta, grid.z_mm[i + 1] - grid.z_mm[i]) > chord_mm_) {
+          return false;
+        }
+      }
+    }
+    return true;
+  }
+
+  const RangeFunction& range_;
+  double chord_mm_;
+  BoundTable table_;
+  std::vector<Stretch> around_, upward_;
+};
+
+void append(std::string& bytes, const void* value, std::size_t size) {
+  bytes.append(static_cast<const char*>(value), size);
+}
+
+void append_floats(std::string& bytes, const Eigen::Vector3d& vector) {
+  const Eigen::Vector3f narrow = vector.cast<float>();
+  append(bytes, narrow.data(), 3 * sizeof(float));
+}
+
+std::string one_line(const std::string& text) {
+  std::string line = text;
+  std::replace_if(
+      line.begin(), line.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
+  return line;
+}
+
+}  // namespace
+
+TriangleMesh mesh_of(const RangeFunction& range, double chord_mm) {
+  if (!(chord_mm > 0) || !range.base().arcs.closed()) {
+    throw std::invalid_argument("mesh_of: the chord tolerance must be positive and the wall closed around the axis");
+  }
+  const Grid grid = Mesher(range, chord_mm).grid();
+  const auto around = static_cast<std::uint32_t>(grid.around());
+  const auto rows = static_cast<std::uint32_t>(grid.z_mm.size());
+  const Eigen::Isometry3d& X_WB = range.base().X_WB;
+
+  TriangleMesh mesh;
+  mesh.vertices_mm.reserve(std::size_t{around} * rows + 2);
+  for (std::uint32_t i = 0; i < rows; ++i) {
+    for (std::uint32_t j = 0; j < around; ++j) {
+      const double r = grid.r(i, j);
+      mesh.vertices_mm.push_back(
+          X_WB * Eigen::Vector3d(r * std::cos(grid.theta_rad[j]), r * std::sin(grid.theta_rad[j]), grid.z_mm[i]));
+    }
+  }
+  const std::uint32_t bottom = around * rows;
+  const std::uint32_t top = bottom + 1;
+  // Every ray from the axis meets the rim once: a fan from the axis covers the disc without overlap.
+  mesh.vertices_mm.push_back(X_WB * Eigen::Vector3d(0, 0, grid.z_mm.front()));
+  mesh.vertices_mm.push_back(X_WB * Eigen::Vector3d(0, 0, grid.z_mm.back()));
+
+  mesh.triangles.reserve(2 * std::size_t{around} * rows);
+  const auto vertex = [&](std::uint32_t i, std::uint32_t j) { return i * around + j % around; };
+  for (std::uint32_t i = 0; i + 1 < rows; ++i) {
+    for (std::uint32_t j = 0; j < around; ++j) {
+      mesh.triangles.push_back({vertex(i, j), vertex(i, j + 1), vertex(i + 1, j + 1)});
+      mesh.triangles.push_back({vertex(i, j), vertex(i + 1, j + 1), vertex(i + 1, j)});
+    }
+  }
+  for (std::uint32_t j = 0; j < around; ++j) {
+    mesh.triangles.push_back({bottom, vertex(0, j + 1), vertex(0, j)});
+    mesh.triangles.push_back({top, vertex(rows - 1, j), vertex(rows - 1, j + 1)});
+  }
+  return mesh;
+}
+
+std::string binary_stl(const TriangleMesh& mesh, const std::string& header) {
+  std::string bytes = one_line(header).substr(0, 80);
+  // Readers take a file that starts with "solid" for text.
+  if (bytes.starts_with("solid")) {
+    bytes[0] = 'S';
+  }
+  bytes.resize(80, ' ');
+  const auto count = static_cast<std::uint32_t>(mesh.triangles.size());
+  bytes.reserve(84 + 50 * mesh.triangles.size());
+  append(bytes, &count, sizeof count);
+  for (const auto& triangle : mesh.triangles) {
+    const Eigen::Vector3d& a = mesh.vertices_mm[triangle[0]];
+    const Eigen::Vector3d& b = mesh.vertices_mm[triangle[1]];
+    const Eigen::Vector3d& c = mesh.vertices_mm[triangle[2]];
+    append_floats(bytes, (b - a).cross(c - a).normalized());
+    append_floats(bytes, a);
+    append_floats(bytes, b);
+    append_floats(bytes, c);
+    bytes.append(2, '\0');
+  }
+  return bytes;
+}
+
+std::string binary_ply(const TriangleMesh& mesh, const std::string& header) {
+  std::string bytes = "ply\nformat binary_little_endian 1.0\ncomment " + one_line(header) + "\nelement vertex " +
+                      std::to_string(mesh.vertices_mm.size()) +
+                      "\nproperty float x\nproperty float y\nproperty float z\nelement face " +
+                      std::to_string(mesh.triangles.size()) + "\nproperty list uchar int vertex_indices\nend_header\n";
+  bytes.reserve(bytes.size() + 12 * mesh.vertices_mm.size() + 13 * mesh.triangles.size());
+  for (const Eigen::Vector3d& point : mesh.vertices_mm) {
+    append_floats(bytes, point);
+  }
+  for (const auto& triangle : mesh.triangles) {
+    bytes += '\3';
+    append(bytes, triangle.data(), 3 * sizeof(std::uint32_t));
+  }
+  return bytes;
+}
+
+}  // namespace celadon
