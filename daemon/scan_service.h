@@ -1,6 +1,6 @@
 #pragma once
-// What the clients of the one owner of the device (button, command line, network) may ask. Thread-safe; no call waits for
-// the device. Implemented by scan_queue.cpp, served by http/.
+// What the clients of the one owner of the device (button, command line, network) may ask. Thread-safe; no call waits
+// for the device. Implemented by scan_queue.cpp, served by http/.
 
 #include <cstdint>
 #include <filesystem>
@@ -20,34 +20,34 @@ enum class ScanMode : std::uint8_t { step, sweep };
 
 /// What a client asks for; every field has a default.
 struct ScanRequest {
-  std::string name;                ///< of the object; letters, digits, "-_. "; becomes part of file names
+  std::string name;  ///< of the object; letters, digits, "-_. "; becomes part of file names
   ScanMode mode = ScanMode::sweep;
-  int profiles = 1200;             ///< a turn, 16 .. 100000
-  double exposure_ms = 0;          ///< 0: as the camera stands
-  std::string model = "auto";      ///< auto|cylinder|revolution|translational|general
-  double tolerance_mm = 0;         ///< 0: what the data carry
+  int profiles = 1200;         ///< a turn, 16 .. 100000
+  double exposure_ms = 0;      ///< 0: as the camera stands
+  std::string model = "auto";  ///< auto|cylinder|revolution|translational|general
+  double tolerance_mm = 0;     ///< 0: what the data carry
   std::optional<double> form_tolerance_mm;
   int degree_u = 3, degree_v = 3;
-  std::vector<std::string> formats = {"step", "stl", "ply", "surface.json"};   ///< report.json is always written
+  std::vector<std::string> formats = {"step", "stl", "ply", "surface.json"};  ///< report.json is always written
 };
 
 struct ScanProgress {
-  double angle_deg = 0;            ///< turned so far
-  double fraction = 0;             ///< of the whole scan, 0..1
+  double angle_deg = 0;  ///< turned so far
+  double fraction = 0;   ///< of the whole scan, 0..1
   int frames = 0, frames_expected = 0, frames_lost = 0, stale_frames = 0;
   double frames_per_second = 0;
   std::uint64_t samples = 0, rejected = 0;
-  std::optional<double> fit_rms_mm;   ///< running fit error
+  std::optional<double> fit_rms_mm;  ///< running fit error
   double seconds_left = 0;
 };
 
 struct ScanRecord {
-  std::uint64_t id = 0;            ///< 1, 2, ... never reused within a store
+  std::uint64_t id = 0;  ///< 1, 2, ... never reused within a store
   ScanRequest request;
-  std::string requested_by;        ///< "button", "api"
+  std::string requested_by;  ///< "button", "api"
   ScanState state = ScanState::queued;
-  std::string reason;              ///< of failed, cancelled, interrupted: one sentence with the remedy
-  std::string created;             ///< ISO 8601 UTC
+  std::string reason;   ///< of failed, cancelled, interrupted: one sentence with the remedy
+  std::string created;  ///< ISO 8601 UTC
   ScanProgress progress;
   bool simulated = false;
   std::filesystem::path folder;    ///< of the results
@@ -58,22 +58,26 @@ struct MachineState {
   bool connected = false;
   std::string machine, device_url, camera_url, error;
   bool simulated = false;
-  std::string motion;              ///< "standstill", "moving", ...
+  std::string motion;  ///< "standstill", "moving", ...
   double angle_deg = 0;
   bool interlock_closed = false, laser_on = false;
   std::string fault;
-  ScanState state = ScanState::idle;   ///< of the scan that owns the device
-  std::uint64_t current_scan = 0;      ///< 0: none
+  ScanState state = ScanState::idle;  ///< of the scan that owns the device
+  std::uint64_t current_scan = 0;     ///< 0: none
 };
 
 /// Why a request was not taken: HTTP status and a sentence with value and remedy.
-struct ServiceError { int status = 400; std::string title, detail; };
+struct ServiceError {
+  int status = 400;
+  std::string title, detail;
+};
 
 class ScanService {
  public:
   virtual ~ScanService() = default;
   virtual MachineState machine() const = 0;
-  virtual tl::expected<ScanRecord, ServiceError> submit(const ScanRequest& request, const std::string& requested_by) = 0;
+  virtual tl::expected<ScanRecord, ServiceError> submit(const ScanRequest& request,
+                                                        const std::string& requested_by) = 0;
   virtual std::vector<ScanRecord> scans() const = 0;
   virtual std::optional<ScanRecord> scan(std::uint64_t id) const = 0;
   virtual tl::expected<ScanRecord, ServiceError> cancel(std::uint64_t id) = 0;

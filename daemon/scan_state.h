@@ -9,7 +9,17 @@
 namespace celadon {
 
 enum class ScanState : std::uint8_t {
-  idle, queued, preparing, scanning, paused, solving, exporting, done, failed, cancelled, interrupted
+  idle,
+  queued,
+  preparing,
+  scanning,
+  paused,
+  solving,
+  exporting,
+  done,
+  failed,
+  cancelled,
+  interrupted
 };
 
 const char* to_string(ScanState state);

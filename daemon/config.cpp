@@ -1,0 +1,172 @@
+#include "daemon/config.h"
+
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <sstream>
+#include <string_view>
+
+#include <nlohmann/json.hpp>
+
+namespace celadon {
+namespace {
+
+constexpr std::array<const char*, 6> kLogLevels = {"trace", "debug", "info", "warn", "error", "off"};
+constexpr double kLargestLength_mm = 10'000;
+
+struct Problem {
+  std::string text;
+};
+
+std::string line_of(const toml::node& node) {
+  return "line " + std::to_string(node.source().begin.line) + ": ";
+}
+
+std::string text(const std::string& key, const toml::node& node) {
+  if (const auto value = node.value_exact<std::string>()) return *value;
+  throw Problem{line_of(node) + key + " is not a text; put it in quotes."};
+}
+
+double length_mm(const std::string& key, const toml::node& node) {
+  const auto value = node.value<double>();
+  if (value && std::isfinite(*value) && std::abs(*value) <= kLargestLength_mm) return *value;
+  throw Problem{line_of(node) + key + " is not a length in millimetres between -10000 and 10000."};
+}
+
+const toml::table& table(const std::string& key, const toml::node& node) {
+  if (const auto* t = node.as_table()) return *t;
+  throw Problem{line_of(node) + key + " is not a section; write [" + key + "]."};
+}
+
+nlohmann::json to_json(const std::string& key, const toml::node& node) {
+  if (const auto v = node.value_exact<std::string>()) return *v;
+  if (const auto v = node.value_exact<std::int64_t>()) return *v;
+  if (const auto v = node.value_exact<double>()) return *v;
+  if (const auto v = node.value_exact<bool>()) return *v;
+  if (const auto* list = node.as_array()) {
+    auto json = nlohmann::json::array();
+    for (const toml::node& entry : *list) json.push_back(to_json(key, entry));
+    return json;
+  }
+  throw Problem{line_of(node) + key + " is no text, number or list."};
+}
+
+void read_http(const toml::table& section, Config& config) {
+  for (const auto& [name, node] : section) {
+    const std::string key = "http." + std::string(name.str());
+    if (key == "http.address") {
+      config.http_address = text(key, node);
+    } else if (key == "http.port") {
+      const auto port = node.value_exact<std::int64_t>();
+      if (!port || *port < 0 || *port > 65535) throw Problem{line_of(node) + key + " is not a port from 0 to 65535."};
+      config.http_port = static_cast<std::uint16_t>(*port);
+    } else if (key == "http.unix_socket") {
+      config.unix_socket = text(key, node);
+    } else {
+      throw Problem{line_of(node) + key + " is not known; [http] has address, port and unix_socket."};
+    }
+  }
+}
+
+void read_volume(const toml::table& section, Config& config) {
+  for (const auto& [name, node] : section) {
+    const std::string key = "volume." + std::string(name.str());
+    const double value = length_mm(key, node);
+    if (key == "volume.r_min_mm") {
+      config.volume.r_min_mm = value;
+    } else if (key == "volume.r_max_mm") {
+      config.volume.r_max_mm = value;
+    } else if (key == "volume.z_min_mm") {
+      config.volume.z_min_mm = value;
+    } else if (key == "volume.z_max_mm") {
+      config.volume.z_max_mm = value;
+    } else {
+      throw Problem{line_of(node) + key + " is not known; [volume] has r_min_mm, r_max_mm, z_min_mm and z_max_mm."};
+    }
+  }
+}
+
+void read_scan(const toml::table& section, Config& config) {
+  auto json = nlohmann::json::object();
+  for (const auto& [name, node] : section)
+    json[std::string(name.str())] = to_json("scan." + std::string(name.str()), node);
+  auto request = scan_request_from_json(json);
+  if (!request) throw Problem{"in [scan] " + request.error().detail};
+  config.scan = *request;
+}
+
+void read_root(const toml::table& root, Config& config) {
+  for (const auto& [name, node] : root) {
+    const std::string key(name.str());
+    if (key == "device") {
+      config.device = text(key, node);
+    } else if (key == "camera") {
+      config.camera = text(key, node);
+    } else if (key == "calibration") {
+      config.calibration = text(key, node);
+    } else if (key == "store") {
+      config.store = text(key, node);
+    } else if (key == "log_level") {
+      config.log_level = text(key, node);
+    } else if (key == "http") {
+      read_http(table(key, node), config);
+    } else if (key == "scan") {
+      read_scan(table(key, node), config);
+    } else if (key == "volume") {
+      read_volume(table(key, node), config);
+    } else {
+      throw Problem{
+          line_of(node) + "'" + key +
+          "' is not known; the keys are device, camera, calibration, store, log_level and the sections [http], "
+          "[scan], [volume]."};
+    }
+  }
+}
+
+bool starts_with_one_of(const std::string& url, std::initializer_list<const char*> schemes) {
+  return std::any_of(schemes.begin(), schemes.end(), [&](const char* scheme) { return url.rfind(scheme, 0) == 0; });
+}
+
+}  // namespace
+
+tl::expected<void, ConfigError> read_config(const std::filesystem::path& file, Config& config) {
+  try {
+    read_root(toml::parse_file(file.string()), config);
+    return {};
+  } catch (const toml::parse_error& e) {
+    std::ostringstream where;
+    where << e.source().begin.line;
+    return tl::make_unexpected(ConfigError{"The configuration " + file.string() + " cannot be read, line " +
+                                           where.str() + ": " + std::string(e.description()) + "."});
+  } catch (const Problem& p) {
+    return tl::make_unexpected(ConfigError{"The configuration " + file.string() + ", " + p.text});
+  }
+}
+
+tl::expected<void, ConfigError> check_config(const Config& config) {
+  const auto refused = [](const std::string& message) { return tl::make_unexpected(ConfigError{message}); };
+  if (!starts_with_one_of(config.device, {"modbus-tcp://", "modbus-rtu:", "usb:"})) {
+    return refused("The device is '" + config.device +
+                   "'; give --device modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID].");
+  }
+  if (!starts_with_one_of(config.camera, {"v4l2:", "sim:", "replay:"})) {
+    return refused("The camera is '" + config.camera +
+                   "'; give --camera v4l2:/dev/videoN, sim:FOLDER or replay:FOLDER.");
+  }
+  if (config.calibration.empty()) return refused("No calibration file is named; give --calibration FILE.");
+  if (config.store.empty()) return refused("No folder for the scans is named; give --store FOLDER.");
+  if (std::find(kLogLevels.begin(), kLogLevels.end(), config.log_level) == kLogLevels.end()) {
+    return refused("The log level is '" + config.log_level + "'; give trace, debug, info, warn, error or off.");
+  }
+  const ScanVolume& v = config.volume;
+  if (!(0 <= v.r_min_mm && v.r_min_mm < v.r_max_mm && v.z_min_mm < v.z_max_mm)) {
+    return refused("The volume is r " + std::to_string(v.r_min_mm) + " .. " + std::to_string(v.r_max_mm) + " mm, z " +
+                   std::to_string(v.z_min_mm) + " .. " + std::to_string(v.z_max_mm) +
+                   " mm; give 0 <= r_min_mm < r_max_mm and z_min_mm < z_max_mm in [volume].");
+  }
+  return {};
+}
+
+}  // namespace celadon

@@ -1,0 +1,37 @@
+#pragma once
+// Configuration of celadond: a TOML file, overridden by the command line. Every key is in README.md.
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+#include <tl/expected.hpp>
+
+#include "acquisition/triangulation.h"
+#include "daemon/scan_service.h"
+
+namespace celadon {
+
+struct Config {
+  std::string device;                 ///< "modbus-tcp://..", "modbus-rtu:..", "usb:.."
+  std::string camera;                 ///< "v4l2:..", "sim:FOLDER", "replay:FOLDER"
+  std::filesystem::path calibration;  ///< file
+  std::filesystem::path store;        ///< folder of scans
+  std::string http_address = "127.0.0.1";
+  std::uint16_t http_port = 7450;  ///< 0: any free one
+  std::string unix_socket;         ///< path; empty: none
+  std::string log_level = "info";
+  ScanRequest scan;  ///< what a press of the button starts; defaults for nothing else
+  ScanVolume volume;
+};
+
+struct ConfigError {
+  std::string message;
+};  ///< names file, line or option, value and remedy
+
+/// Reads a file over `config`; keys that are not there stay as they are.
+tl::expected<void, ConfigError> read_config(const std::filesystem::path& file, Config& config);
+/// Checks what a daemon cannot start without.
+tl::expected<void, ConfigError> check_config(const Config& config);
+
+}  // namespace celadon

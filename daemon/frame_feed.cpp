@@ -1,0 +1,176 @@
+#include "daemon/frame_feed.h"
+
+#include <algorithm>
+#include <cstdio>
+
+namespace celadon {
+namespace {
+
+constexpr std::int64_t kMillisecond_ns = 1'000'000;
+constexpr std::int64_t kCameraSilence_ns = 2'000 * kMillisecond_ns;
+constexpr int kMostStaleFrames = 200;
+
+std::string milliseconds(std::int64_t ns) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.0f ms", static_cast<double>(ns) / 1e6);
+  return text;
+}
+
+}  // namespace
+
+ScanStop stop_of(const DeviceError& error) {
+  using Kind = DeviceError::Kind;
+  const bool lost = error.kind == Kind::lost || error.kind == Kind::timed_out || error.kind == Kind::not_found ||
+                    error.kind == Kind::broken_reply || error.kind == Kind::system;
+  return {ScanState::failed, error.message(), lost, false};
+}
+
+ScanStop stop_of(const CameraError& error) {
+  return {ScanState::failed, error.message, false, true};
+}
+
+ScanStop cancelled_by(const std::string& whom) {
+  return {ScanState::cancelled, "The scan was cancelled " + whom + "; what was recorded is kept, start a new scan.",
+          false, false};
+}
+
+tl::expected<std::unique_ptr<FrameFeed>, ScanStop> FrameFeed::start(const ScanEquipment& equipment,
+                                                                    ScanObserver& observer,
+                                                                    const Triangulator& triangulator, int laser) {
+  const std::int64_t period_ns = equipment.camera.mode().frame_period_ns;
+  const std::int64_t lease_ns = equipment.device.capabilities().lease_ms * kMillisecond_ns;
+  if (period_ns > lease_ns / 2) {
+    return tl::make_unexpected(ScanStop{ScanState::failed,
+                                        "The camera's frame period of " + milliseconds(period_ns) +
+                                            " is longer than half the laser's lease of " + milliseconds(lease_ns) +
+                                            ", so that the laser would go out between frames; choose a faster mode.",
+                                        false, false});
+  }
+  std::unique_ptr<FrameFeed> feed(new FrameFeed(equipment, observer, triangulator, laser));
+  if (auto started = equipment.camera.start(); !started) return tl::make_unexpected(stop_of(started.error()));
+  if (auto polled = feed->poll(); !polled) return tl::make_unexpected(polled.error());
+  return feed;
+}
+
+FrameFeed::FrameFeed(const ScanEquipment& equipment, ScanObserver& observer, const Triangulator& triangulator,
+                     int laser)
+    : equipment_(equipment),
+      observer_(observer),
+      triangulator_(triangulator),
+      laser_(laser),
+      timeline_(equipment.device.capabilities().encoder_resolution_rad) {}
+
+FrameFeed::~FrameFeed() {
+  equipment_.camera.stop();
+}
+
+/// What the controller reports that no scan can go on with.
+std::optional<ScanStop> FrameFeed::unfit() const {
+  const auto stop = [](const std::string& reason) { return ScanStop{ScanState::failed, reason, false, false}; };
+  if (status_.emergency_stop) {
+    return stop("The emergency stop is pressed; release it, press the button on the machine and start a new scan.");
+  }
+  if (!status_.interlock_closed) {
+    return stop("The interlock is open; close the cover, press the button on the machine and start a new scan.");
+  }
+  if (status_.fault_code != 0) {
+    return stop("The controller reports fault " + std::to_string(status_.fault_code) + ", " + status_.fault_text +
+                "; remove the cause and start a new scan.");
+  }
+  return std::nullopt;
+}
+
+tl::expected<void, ScanStop> FrameFeed::poll() {
+  if (const auto reason = observer_.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
+  auto status = equipment_.device.poll();
+  if (!status) return tl::make_unexpected(stop_of(status.error()));
+  status_ = *status;
+  observer_.on_status(status_);
+  if (equipment_.device.take_button_presses() > 0) {
+    return tl::make_unexpected(cancelled_by("by the button on the machine"));
+  }
+  if (auto stop = unfit()) return tl::make_unexpected(*stop);
+  const PositionSample sample{status_.position_counter, status_.position_time_us, status_.angle_rad,
+                              status_.host_before_ns, status_.host_after_ns};
+  timeline_.add(sample);
+  if (log_ != nullptr) log_->append(sample);
+  return {};
+}
+
+tl::expected<void, ScanStop> FrameFeed::renew_lease(bool granting) {
+  const std::int64_t lease_ms = equipment_.device.capabilities().lease_ms;
+  const std::int64_t now_ns = equipment_.clock.now_ns();
+  if (!granting && now_ns - granted_ns_ < lease_ms * kMillisecond_ns / 3) return {};
+  if (granting || now_ns - granted_ns_ >= lease_ms * kMillisecond_ns) shining_since_ns_ = now_ns;
+  if (auto renewed = equipment_.device.renew_laser(laser_, lease_ms); !renewed) {
+    return tl::make_unexpected(stop_of(renewed.error()));
+  }
+  granted_ns_ = now_ns;
+  return {};
+}
+
+tl::expected<void, ScanStop> FrameFeed::laser_on() {
+  lit_ = true;
+  return renew_lease(true);
+}
+
+tl::expected<void, ScanStop> FrameFeed::laser_off() {
+  lit_ = false;
+  if (auto off = equipment_.device.laser_off(); !off) return tl::make_unexpected(stop_of(off.error()));
+  return {};
+}
+
+tl::expected<Frame, ScanStop> FrameFeed::next() {
+  const std::int64_t wait_ns = std::max(4 * equipment_.camera.mode().frame_period_ns, 250 * kMillisecond_ns);
+  std::int64_t silent_ns = 0;
+  while (true) {
+    auto frame = equipment_.camera.next(wait_ns);
+    if (!frame) {
+      if (frame.error().kind != CameraError::Kind::timed_out) return tl::make_unexpected(stop_of(frame.error()));
+      silent_ns += wait_ns;  // and the lease runs out: only frames renew it
+      if (silent_ns >= kCameraSilence_ns) {
+        return tl::make_unexpected(ScanStop{ScanState::failed,
+                                            "The camera delivered no frame for " + milliseconds(silent_ns) +
+                                                "; check its cable and power, then start a new scan. (" +
+                                                frame.error().message + ")",
+                                            false, true});
+      }
+      if (auto polled = poll(); !polled) return tl::make_unexpected(polled.error());
+      continue;
+    }
+    if (std::exchange(ignore_gap_, false)) frame->info.lost_before = 0;
+    if (lit_) {
+      if (auto renewed = renew_lease(false); !renewed) return tl::make_unexpected(renewed.error());
+    }
+    if (auto polled = poll(); !polled) return tl::make_unexpected(polled.error());
+    if (!frame->info.corrupt) return std::move(*frame);
+    verdict(frame->info, FrameVerdict::corrupt);
+  }
+}
+
+tl::expected<Frame, ScanStop> FrameFeed::next_after(std::int64_t instant_ns) {
+  for (int stale = 0; stale < kMostStaleFrames; ++stale) {
+    auto frame = next();
+    if (!frame) return frame;
+    const FrameInfo& info = frame->info;
+    if (triangulator_.row_instant_ns(info, 0) - info.exposure_ns / 2 >= instant_ns) return frame;
+    verdict(info, FrameVerdict::stale);
+  }
+  return tl::make_unexpected(
+      ScanStop{ScanState::failed,
+               "The camera delivered " + std::to_string(kMostStaleFrames) +
+                   " frames in a row whose time stamps lie before the table came to rest; check the calibration's time "
+                   "model and the camera's clock.",
+               false, true});
+}
+
+void FrameFeed::verdict(const FrameInfo& frame, FrameVerdict verdict) {
+  if (log_ == nullptr) return;
+  ++counts_.frames;
+  counts_.lost += frame.lost_before;
+  if (verdict == FrameVerdict::stale) ++counts_.stale;
+  if (verdict == FrameVerdict::corrupt) ++counts_.corrupt;
+  log_->append(LogFrame{frame.sequence, frame.stamp_ns, frame.exposure_ns, frame.lost_before, verdict});
+}
+
+}  // namespace celadon

@@ -1,0 +1,83 @@
+#pragma once
+// The loop that accepts frames: the only place that renews the laser's lease. Between two frames it polls the device.
+
+#include <cstdint>
+#include <functional>
+
+#include <tl/expected.hpp>
+
+#include "acquisition/angle_timeline.h"
+#include "daemon/profile_log.h"
+#include "daemon/scan_job.h"
+
+namespace celadon {
+
+/// Good frames, one at a time, with the device's state after each. Starts the camera; stops it when destroyed.
+class FrameFeed {
+ public:
+  static tl::expected<std::unique_ptr<FrameFeed>, ScanStop> start(const ScanEquipment& equipment,
+                                                                  ScanObserver& observer,
+                                                                  const Triangulator& triangulator, int laser);
+  ~FrameFeed();
+  FrameFeed(const FrameFeed&) = delete;
+  FrameFeed& operator=(const FrameFeed&) = delete;
+
+  /// Frames and position samples are noted in `log` from now on.
+  void record_in(ProfileLogWriter& log) { log_ = &log; }
+
+  /// Grants the first lease. The laser stays on while next() accepts frames.
+  tl::expected<void, ScanStop> laser_on();
+  /// After a move without frames: renews the lease, or grants a new one if it ran out.
+  tl::expected<void, ScanStop> keep_laser_on() { return renew_lease(false); }
+  tl::expected<void, ScanStop> laser_off();
+  /// When the present grant began to shine without a gap, host time.
+  std::int64_t shining_since_ns() const { return shining_since_ns_; }
+
+  /// The next frame that the driver did not flag as corrupt; the laser's lease is renewed for it and the device polled
+  /// after it. Ends with a stop when cancelled, when the button was pressed, when no frame came for two seconds or when
+  /// the device is not fit to scan.
+  tl::expected<Frame, ScanStop> next();
+  /// The same, but frames whose exposure began before an instant of the host clock are dropped and counted as stale.
+  tl::expected<Frame, ScanStop> next_after(std::int64_t instant_ns);
+
+  /// Writes down what became of a frame.
+  void verdict(const FrameInfo& frame, FrameVerdict verdict);
+
+  /// Polls the device: heartbeat, button, interlock, position.
+  tl::expected<void, ScanStop> poll();
+  const DeviceStatus& status() const { return status_; }
+  const AngleTimeline& timeline() const { return timeline_; }
+
+  /// Frames so far, since record_in().
+  struct Counts {
+    std::uint64_t frames = 0, lost = 0, stale = 0, corrupt = 0;
+  };
+  const Counts& counts() const { return counts_; }
+  /// Frames lost from here to the next one do not count: the table moved between two steps and nobody looked.
+  void ignore_next_gap() { ignore_gap_ = true; }
+
+ private:
+  FrameFeed(const ScanEquipment& equipment, ScanObserver& observer, const Triangulator& triangulator, int laser);
+  tl::expected<void, ScanStop> renew_lease(bool granting);
+  std::optional<ScanStop> unfit() const;
+
+  const ScanEquipment equipment_;
+  ScanObserver& observer_;
+  const Triangulator& triangulator_;
+  const int laser_;
+  ProfileLogWriter* log_ = nullptr;
+  AngleTimeline timeline_;
+  DeviceStatus status_;
+  Counts counts_;
+  bool lit_ = false, ignore_gap_ = false;
+  std::int64_t granted_ns_ = 0, shining_since_ns_ = 0;
+};
+
+/// A device error as the end of a scan.
+ScanStop stop_of(const DeviceError& error);
+/// A camera error as the end of a scan.
+ScanStop stop_of(const CameraError& error);
+/// The end of a scan that was asked for.
+ScanStop cancelled_by(const std::string& whom);
+
+}  // namespace celadon

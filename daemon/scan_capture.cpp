@@ -1,0 +1,231 @@
+#include "daemon/scan_capture.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+
+#include "daemon/closure_test.h"
+#include "daemon/running_fit.h"
+
+namespace celadon {
+namespace {
+
+constexpr double kTurn_rad = 2 * std::numbers::pi;
+constexpr auto kProgressInterval = std::chrono::milliseconds(100);
+constexpr int kFramesAtRest = 20;           // of a sweep, after which the table has stopped short
+constexpr double kLossWorthTelling = 0.01;  // share of frames
+
+std::string degrees(double rad) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.2f degrees", rad * 180 / std::numbers::pi);
+  return text;
+}
+
+tl::unexpected<ScanStop> failed(const std::string& reason) {
+  return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
+}
+
+/// How the turn is laid out: `profiles` angles a turn, and so many again for the closure test.
+struct Turn {
+  explicit Turn(const CaptureTools& tools)
+      : profiles(tools.request.profiles),
+        pitch_rad(kTurn_rad / profiles),
+        overlap_profiles(std::max(4, profiles / 60)),
+        overlap_rad(overlap_profiles * pitch_rad),
+        encoder_per_true(1 / tools.equipment.calibration.encoder_scale.value) {}
+  int profiles;
+  double pitch_rad;
+  int overlap_profiles;
+  double overlap_rad;
+  double encoder_per_true;
+};
+
+/// Takes frames to profiles, and profiles to log, sums, closure test and progress.
+class Intake {
+ public:
+  Intake(const CaptureTools& tools, const Turn& turn)
+      : tools_(tools),
+        turn_(turn),
+        closure_(turn.overlap_rad),
+        running_fit_(running_options(tools)),
+        rows_(static_cast<std::size_t>(tools.equipment.camera.mode().height_px)) {}
+
+  /// @param angle_at encoder's angle at an instant  @param turned_rad true angle since the start of the turn, 0 .. 2 pi
+  /// for the fit, beyond it for the closure test only
+  template <class AngleAt>
+  tl::expected<void, ScanStop> take(Frame frame, AngleAt&& angle_at, double turned_rad) {
+    const FrameInfo info = frame.info;
+    tools_.extractor.extract(tools_.equipment.camera.mode(), frame.bytes(), tools_.preparation.background, rows_);
+    frame.release();  // the driver gets its buffer back before anything slower happens
+    const auto counts = tools_.triangulator.triangulate(rows_, info, angle_at, profile_);
+    ambiguous_ += static_cast<std::uint64_t>(counts.ambiguous);
+    const bool overlap = turned_rad >= kTurn_rad;
+    tools_.feed.verdict(info, profile_.size() > 0 ? FrameVerdict::profile : FrameVerdict::no_line);
+    profile_.index = index_++;
+    if (overlap) {
+      closure_.again(turned_rad, profile_);
+    } else {
+      closure_.first(turned_rad, profile_);
+      tools_.sums.add(profile_.r_mm, profile_.theta_rad, profile_.z_mm);
+      running_fit_.offer(tools_.sums);
+    }
+    if (auto logged = tools_.log.append(profile_, overlap); !logged) return failed(logged.error().message);
+    report(turned_rad);
+    return {};
+  }
+
+  CaptureResult result() {
+    report(kTurn_rad + turn_.overlap_rad, true);
+    CaptureResult result;
+    const FrameFeed::Counts& c = tools_.feed.counts();
+    result.counters = {tools_.request.mode == ScanMode::step ? "step" : "sweep",
+                       tools_.log.counts().profiles,
+                       c.frames,
+                       c.lost,
+                       c.stale,
+                       c.corrupt,
+                       ambiguous_};
+    result.closure_mm = closure_.result();
+    const auto bad = static_cast<double>(c.lost + c.corrupt);
+    if (bad > kLossWorthTelling * static_cast<double>(c.frames)) {
+      result.warnings.push_back(std::to_string(c.lost) + " frames were lost and " + std::to_string(c.corrupt) +
+                                " corrupt of " + std::to_string(c.frames + c.lost) +
+                                "; check the camera's cable, its bandwidth and the load of this computer.");
+    }
+    return result;
+  }
+
+ private:
+  static RangeFitOptions running_options(const CaptureTools& tools) {
+    RangeFitOptions options;
+    options.model = SurfaceModel::general;
+    options.degree_u = tools.request.degree_u;
+    options.degree_v = tools.request.degree_v;
+    return options;
+  }
+
+  void report(double turned_rad, bool now = false) {
+    const auto time = std::chrono::steady_clock::now();
+    if (!now && time - last_report_ < kProgressInterval) return;
+    last_report_ = time;
+    const double elapsed_s = std::chrono::duration<double>(time - start_).count();
+    const double whole_rad = kTurn_rad + turn_.overlap_rad;
+    const FrameFeed::Counts& c = tools_.feed.counts();
+    ScanProgress p;
+    p.angle_deg = turned_rad * 180 / std::numbers::pi;
+    p.fraction = std::clamp(turned_rad / whole_rad, 0., 1.);
+    p.frames = static_cast<int>(index_);
+    p.frames_expected = turn_.profiles + turn_.overlap_profiles;
+    p.frames_lost = static_cast<int>(c.lost + c.corrupt);
+    p.stale_frames = static_cast<int>(c.stale);
+    p.frames_per_second = elapsed_s > 0 ? static_cast<double>(index_) / elapsed_s : 0;
+    p.samples = tools_.sums.samples();
+    p.rejected = tools_.sums.rejected();
+    p.fit_rms_mm = running_fit_.rms_mm();
+    p.seconds_left = p.fraction > 0 ? elapsed_s * (1 - p.fraction) / p.fraction : 0;
+    tools_.observer.on_progress(p);
+  }
+
+  const CaptureTools& tools_;
+  const Turn turn_;
+  ClosureTest closure_;
+  RunningFit running_fit_;
+  std::vector<LineRow> rows_;
+  Profile profile_;
+  std::uint32_t index_ = 0;
+  std::uint64_t ambiguous_ = 0;
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now(), last_report_ = start_;
+};
+
+}  // namespace
+
+tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
+  const Turn turn(tools);
+  ScannerDevice& device = tools.equipment.device;
+  FrameFeed& feed = tools.feed;
+  const DeviceCapabilities& limits = device.capabilities();
+
+  // A frame every pitch. The run-up and the run-out keep the turn itself at constant speed.
+  const double period_s = static_cast<double>(tools.equipment.camera.mode().frame_period_ns) * 1e-9;
+  const double speed = std::min(turn.pitch_rad * turn.encoder_per_true / period_s, limits.max_speed_rad_per_s);
+  const double run_up = speed * speed / (2 * limits.max_acceleration_rad_per_s2) + 4 * speed * period_s;
+  const double start = feed.status().angle_rad + run_up;
+  const double end_turned = kTurn_rad + turn.overlap_rad;
+  const double target = start + end_turned * turn.encoder_per_true + run_up;
+  if (!limits.endless_rotation && target > limits.travel_rad) {
+    return failed("A sweep needs the table to turn to " + degrees(target) + ", but its travel ends at " +
+                  degrees(limits.travel_rad) + "; scan in steps.");
+  }
+
+  if (auto moving = device.start_sweep(target, speed); !moving) return tl::make_unexpected(stop_of(moving.error()));
+  Intake intake(tools, turn);
+  int at_rest = 0;
+  while (true) {
+    auto frame = feed.next();
+    if (!frame) return tl::make_unexpected(frame.error());
+    const FrameInfo info = frame->info;
+    const std::int64_t middle_ns =
+        tools.triangulator.row_instant_ns(info, (static_cast<double>(tools.equipment.camera.mode().height_px) - 1) / 2);
+    const auto angle = feed.timeline().at(middle_ns);
+    if (!angle) {
+      feed.verdict(info, FrameVerdict::no_angle);
+      continue;
+    }
+    const double turned = (angle->angle_rad - start) / turn.encoder_per_true;
+    if (turned >= end_turned) break;
+    const MotionState motion = feed.status().motion;
+    at_rest = motion == MotionState::moving ? 0 : at_rest + 1;
+    if (at_rest > kFramesAtRest) {
+      return failed("The table stopped after " + degrees(std::max(turned, 0.)) + " of " + degrees(end_turned) +
+                    "; check what blocks it and start a new scan.");
+    }
+    if (turned < 0) {
+      feed.verdict(info, FrameVerdict::outside_turn);
+      continue;
+    }
+    auto taken = intake.take(
+        std::move(*frame), [&](std::int64_t ns) { return feed.timeline().at(ns); }, turned);
+    if (!taken) return tl::make_unexpected(taken.error());
+  }
+  return intake.result();
+}
+
+tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
+  const Turn turn(tools);
+  ScannerDevice& device = tools.equipment.device;
+  FrameFeed& feed = tools.feed;
+  const DeviceCapabilities& limits = device.capabilities();
+  const double pitch = turn.pitch_rad * turn.encoder_per_true;
+  const double base = feed.status().angle_rad;
+  const int steps = turn.profiles + turn.overlap_profiles;
+  if (!limits.endless_rotation && base + (steps + 1) * pitch > limits.travel_rad) {
+    return failed("The scan needs the table to turn to " + degrees(base + (steps + 1) * pitch) +
+                  ", but its travel ends at " + degrees(limits.travel_rad) + "; home it, or ask for fewer profiles.");
+  }
+  const double sigma_rad = limits.encoder_resolution_rad / std::sqrt(12.);
+
+  Intake intake(tools, turn);
+  for (int k = 0; k < steps; ++k) {
+    // One step before the first profile, so that it is approached from the same side as all others.
+    auto settled = device.rotate_to(base + (k + 1) * pitch, limits.max_speed_rad_per_s);
+    if (!settled) return tl::make_unexpected(stop_of(settled.error()));
+    feed.ignore_next_gap();
+    if (auto on = feed.keep_laser_on(); !on) return tl::make_unexpected(on.error());
+    // After a move longer than the lease the laser has to warm up again.
+    const bool dark_between = feed.shining_since_ns() + tools.preparation.warm_up_ns > settled->host_after_ns;
+    const std::int64_t fresh_ns =
+        dark_between ? feed.shining_since_ns() + tools.preparation.warm_up_ns : settled->host_after_ns;
+    auto frame = feed.next_after(fresh_ns);
+    if (!frame) return tl::make_unexpected(frame.error());
+    const AngleAtInstant angle{settled->angle_rad, sigma_rad, 0};
+    const double turned = k < turn.profiles ? k * turn.pitch_rad : kTurn_rad + (k - turn.profiles) * turn.pitch_rad;
+    auto taken = intake.take(
+        std::move(*frame), [&](std::int64_t) { return angle; }, turned);
+    if (!taken) return tl::make_unexpected(taken.error());
+  }
+  return intake.result();
+}
+
+}  // namespace celadon

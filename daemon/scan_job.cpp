@@ -1,0 +1,266 @@
+#include "daemon/scan_job.h"
+
+#include <sys/statvfs.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+
+#include "daemon/frame_feed.h"
+#include "daemon/profile_log.h"
+#include "daemon/results.h"
+#include "daemon/scan_capture.h"
+#include "daemon/scan_preparation.h"
+#include "fitting/range_fit.h"
+
+namespace celadon {
+namespace {
+
+constexpr double kBytesPerSample = 50;
+// More samples than this share off the band that was fixed before the scan: fix it again from the log.
+constexpr double kMostOffBand = 1e-3;
+
+tl::unexpected<ScanStop> failed(const std::string& reason) {
+  return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
+}
+
+/// Lasers off and motor stopped on every way out.
+class SafeOnExit {
+ public:
+  explicit SafeOnExit(ScannerDevice& device) : device_(device) {}
+  ~SafeOnExit() {
+    if (!done_) device_.make_safe();
+  }
+  SafeOnExit(const SafeOnExit&) = delete;
+  SafeOnExit& operator=(const SafeOnExit&) = delete;
+  SafeReport now() {
+    done_ = true;
+    return device_.make_safe();
+  }
+
+ private:
+  ScannerDevice& device_;
+  bool done_ = false;
+};
+
+/// Wall-clock time of the stages, one after the other.
+class StageClock {
+ public:
+  explicit StageClock(std::vector<StageSeconds>& stages) : stages_(stages) {}
+  void end(const char* stage) {
+    const auto now = std::chrono::steady_clock::now();
+    stages_.push_back({stage, std::chrono::duration<double>(now - start_).count()});
+    start_ = now;
+  }
+
+ private:
+  std::vector<StageSeconds>& stages_;
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+/// Name of the object in file names.
+std::string file_stem(const std::string& name) {
+  std::string stem = name.empty() ? "object" : name;
+  std::replace(stem.begin(), stem.end(), ' ', '_');
+  return stem;
+}
+
+SurfaceModel model_of(const std::string& text) {
+  for (const auto model :
+       {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational, SurfaceModel::general}) {
+    if (text == to_string(model)) return model;
+  }
+  return SurfaceModel::automatic;
+}
+
+RangeFitOptions fit_options(const ScanRequest& request, const Calibration& calibration) {
+  RangeFitOptions options;
+  options.model = model_of(request.model);
+  options.degree_u = request.degree_u;
+  options.degree_v = request.degree_v;
+  options.tolerance_mm = request.tolerance_mm;
+  options.form_tolerance_mm = request.form_tolerance_mm;
+  options.systematic_mm = calibration.systematic_mm;
+  return options;
+}
+
+/// A grid over what the object shows where it stands and a margin, as fine as the samples to come can carry.
+GridSpecification grid_for(const ScanRequest& request, const ScanPreparation& seen, const ScanVolume& volume) {
+  constexpr double kMargin = 0.1, kMargin_mm = 2, kSamplesPerCell = 20;
+  constexpr int kMostAlong = 64, kMostAround = 32;
+  const double margin = kMargin * (seen.z_high_mm - seen.z_low_mm) + kMargin_mm;
+  GridSpecification grid;
+  grid.z_start_mm = std::max(volume.z_min_mm, seen.z_low_mm - margin);
+  grid.z_end_mm = std::min(volume.z_max_mm, seen.z_high_mm + margin);
+  grid.degree_u = request.degree_u;
+  grid.degree_v = request.degree_v;
+  grid.z_intervals = 4;
+  grid.intervals_per_arc = 2;
+  const double cells = static_cast<double>(seen.samples) * request.profiles / kSamplesPerCell;
+  while (grid.z_intervals < kMostAlong || grid.intervals_per_arc < kMostAround) {
+    const bool along = grid.z_intervals <= 2 * grid.intervals_per_arc && grid.z_intervals < kMostAlong;
+    if (2. * grid.z_intervals * 4 * grid.intervals_per_arc > cells) break;
+    (along || grid.intervals_per_arc >= kMostAround ? grid.z_intervals : grid.intervals_per_arc) *= 2;
+  }
+  return grid;
+}
+
+tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEquipment& equipment, const ScanTask& task,
+                                                                   std::size_t samples_per_profile) {
+  const double wanted = kBytesPerSample * static_cast<double>(samples_per_profile) * task.request.profiles * 1.1;
+  struct statvfs disk {};
+  if (::statvfs(task.log_file.parent_path().c_str(), &disk) == 0) {
+    const double free = static_cast<double>(disk.f_bavail) * static_cast<double>(disk.f_frsize);
+    if (free < wanted) {
+      char text[256];
+      std::snprintf(text, sizeof text, "The scan needs about %.0f MB for its log, but %.0f MB are free in ",
+                    wanted / 1e6, free / 1e6);
+      return failed(text + task.log_file.parent_path().string() + "; free space or ask for fewer profiles.");
+    }
+  }
+  LogHeader header;
+  header.date = task.date;
+  header.machine = equipment.device.identity().machine;
+  header.camera = equipment.camera.mode().identity;
+  header.simulated = equipment.device.identity().simulated || equipment.camera.mode().simulated;
+  header.request = task.request;
+  header.calibration = format_calibration(equipment.calibration);
+  auto log = ProfileLogWriter::create(task.log_file, header);
+  if (!log) return failed(log.error().message);
+  return std::move(*log);
+}
+
+/// From the sums and the log to the surface.
+tl::expected<RangeFit, ScanStop> solve(const ScanTask& task, const Calibration& calibration, MomentGrid& sums) {
+  auto log = ProfileLogReader::open(task.log_file);
+  if (!log) return failed(log.error().message);
+  const RangeFitOptions options = fit_options(task.request, calibration);
+  const auto all = static_cast<double>(sums.samples() + sums.rejected());
+  if (static_cast<double>(sums.rejected()) > kMostOffBand * all) {
+    auto grid = choose_grid(**log, options);
+    if (!grid) return failed(grid.error().message);
+    sums = MomentGrid(*grid);
+    (*log)->rewind();
+    while (const Profile* p = (*log)->next()) sums.add(p->r_mm, p->theta_rad, p->z_mm);
+  }
+  auto fit = fit_range(sums, **log, options);
+  if (!(*log)->error().empty()) return failed((*log)->error());
+  if (!fit) return failed("No surface was found: " + fit.error().message);
+  return std::move(*fit);
+}
+
+std::vector<ResultFormat> formats_of(const ScanRequest& request) {
+  std::vector<ResultFormat> formats;
+  for (const std::string& text : request.formats) {
+    if (const auto format = result_format_from(text)) formats.push_back(*format);
+  }
+  return formats;
+}
+
+/// What the closure test found that the noise does not explain.
+std::optional<std::string> closure_warning(const std::optional<ClosureError>& closure, double noise_mm) {
+  constexpr double kSigmas = 3;
+  if (!closure || closure->rms <= kSigmas * std::sqrt(2.) * noise_mm) return std::nullopt;
+  char text[320];
+  std::snprintf(
+      text, sizeof text,
+      "After a full turn the same places measure differently: %.3f mm RMS (mean %.3f mm) against a noise of %.3f "
+      "mm; check that the object stands firmly, and the steps per turn, belt and backlash of the table.",
+      closure->rms, closure->bias, noise_mm);
+  return text;
+}
+
+double seconds_of(const ResultNotes& notes, std::initializer_list<const char*> stages) {
+  double sum = 0;
+  for (const StageSeconds& s : notes.seconds) {
+    if (std::find_if(stages.begin(), stages.end(), [&](const char* name) { return s.stage == name; }) != stages.end()) {
+      sum += s.seconds;
+    }
+  }
+  return sum;
+}
+
+}  // namespace
+
+tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, const ScanTask& task,
+                                             ScanObserver& observer) {
+  ResultNotes notes;
+  notes.name = file_stem(task.request.name);
+  notes.date = task.date;
+  notes.machine = equipment.device.identity().machine;
+  notes.simulated =
+      equipment.device.identity().simulated || equipment.camera.mode().simulated || equipment.calibration.simulated;
+  StageClock clock(notes.seconds);
+  SafeOnExit safe(equipment.device);
+
+  // Make ready.
+  observer.on_state(ScanState::preparing);
+  std::vector<TruthPoint> truth;
+  if (equipment.truth != nullptr) {
+    auto points = equipment.truth->points();
+    if (points) truth = std::move(*points);
+    if (!points) notes.warnings.push_back("The simulator's truth is not known: " + points.error());
+  }
+  const int laser = equipment.calibration.lasers.front().laser;
+  const Triangulator triangulator(equipment.calibration, laser, equipment.volume);
+  LaserLineExtractor extractor;
+  if (auto ready = make_device_ready(equipment, task.request, observer); !ready) {
+    return tl::make_unexpected(ready.error());
+  }
+  auto feed = FrameFeed::start(equipment, observer, triangulator, laser);
+  if (!feed) return tl::make_unexpected(feed.error());
+  auto seen = look_at_object(equipment, **feed, extractor, triangulator);
+  if (!seen) return tl::make_unexpected(seen.error());
+  notes.warnings.insert(notes.warnings.end(), seen->warnings.begin(), seen->warnings.end());
+  auto log = open_log(equipment, task, seen->samples);
+  if (!log) return tl::make_unexpected(log.error());
+  (*feed)->record_in(**log);
+  MomentGrid sums(grid_for(task.request, *seen, equipment.volume));
+  clock.end("prepare");
+
+  // Move, frame, line, profile, log, accumulate.
+  observer.on_state(ScanState::scanning);
+  const CaptureTools tools{equipment, task.request, **feed, extractor, triangulator, *seen, **log, sums, observer};
+  auto captured = task.request.mode == ScanMode::sweep ? sweep(tools) : step_around(tools);
+  clock.end("scan");
+
+  // Make safe, whatever came of it; the log is closed in order.
+  const SafeReport left = safe.now();
+  feed->reset();
+  if (!captured) {
+    const bool cancelled = captured.error().state == ScanState::cancelled;
+    (void)(*log)->finish(cancelled ? LogOutcome::cancelled : LogOutcome::failed, captured.error().reason);
+    return tl::make_unexpected(captured.error());
+  }
+  if (!left.lasers_off || !left.motor_stopped) notes.warnings.push_back(left.text);
+  notes.scan = captured->counters;
+  notes.closure_mm = captured->closure_mm;
+  notes.warnings.insert(notes.warnings.end(), captured->warnings.begin(), captured->warnings.end());
+  if (auto finished = (*log)->finish(LogOutcome::complete, ""); !finished) return failed(finished.error().message);
+  clock.end("make_safe");
+
+  // Solve, down to the exact NURBS surface.
+  observer.on_state(ScanState::solving);
+  auto solved = solve(task, equipment.calibration, sums);
+  if (!solved) return tl::make_unexpected(solved.error());
+  clock.end("solve");
+  if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
+
+  // Files and report.
+  observer.on_state(ScanState::exporting);
+  if (auto warning = closure_warning(notes.closure_mm, solved->report.noise_mm)) notes.warnings.push_back(*warning);
+  notes.truth_mm = truth_error(solved->function, truth);
+  auto files = write_results(*solved, formats_of(task.request), task.results_folder, notes);
+  if (!files) return failed(files.error().message);
+
+  ScanOutcome outcome;
+  outcome.files = std::move(*files);
+  outcome.warnings = solved->report.warnings;
+  outcome.warnings.insert(outcome.warnings.end(), notes.warnings.begin(), notes.warnings.end());
+  if (auto synced = (*log)->wait_synced(); !synced) outcome.warnings.push_back(synced.error().message);
+  if (notes.solid) outcome.last_frame_to_step_s = seconds_of(notes, {"make_safe", "solve", "step"});
+  return outcome;
+}
+
+}  // namespace celadon

@@ -1,0 +1,32 @@
+#pragma once
+// Before the table turns: fit to scan, homed, exposure set, the background known, the laser warm and its line seen.
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "acquisition/laser_line.h"
+#include "daemon/frame_feed.h"
+#include "daemon/scan_job.h"
+
+namespace celadon {
+
+/// What was learned before the scan.
+struct ScanPreparation {
+  std::vector<std::uint8_t> background;  ///< mean of frames with the laser off, same mode and stride
+  double z_low_mm = 0, z_high_mm = 0;    ///< of the line on the object as it stands
+  std::size_t samples = 0;               ///< of one profile
+  std::int64_t warm_up_ns = 0;           ///< from the grant until the line kept its brightness
+  std::vector<std::string> warnings;
+};
+
+/// Device only: checks interlock and faults, lasers off, homes if needed, sets the exposure.
+tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanRequest& request,
+                                               ScanObserver& observer);
+/// Background with the laser off, then the laser on until its line is steady. Leaves the laser on.
+tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
+                                                       LaserLineExtractor& extractor, const Triangulator& triangulator);
+
+}  // namespace celadon

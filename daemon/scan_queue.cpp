@@ -1,0 +1,434 @@
+#include "daemon/scan_queue.h"
+
+#include <algorithm>
+#include <cmath>
+#include <ctime>
+#include <numbers>
+
+#include <spdlog/spdlog.h>
+
+namespace celadon {
+namespace {
+
+std::string utc_now() {
+  const std::time_t now = std::time(nullptr);
+  std::tm parts{};
+  gmtime_r(&now, &parts);
+  char text[32];
+  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &parts);
+  return text;
+}
+
+const char* motion_text(MotionState state) {
+  return protocol::find_code(protocol::kMotionStates, static_cast<std::uint16_t>(state)).name;
+}
+
+LampPattern lamp_of(ScanState state) {
+  switch (state) {
+    case ScanState::preparing:
+      return LampPattern::warning;  // the laser is about to shine and the table to turn
+    case ScanState::scanning:
+    case ScanState::paused:
+    case ScanState::solving:
+    case ScanState::exporting:
+      return LampPattern::busy;
+    case ScanState::done:
+      return LampPattern::done;
+    case ScanState::failed:
+    case ScanState::cancelled:
+    case ScanState::interrupted:
+      return LampPattern::attention;
+    case ScanState::idle:
+    case ScanState::queued:
+      break;
+  }
+  return LampPattern::ready;
+}
+
+}  // namespace
+
+/// What a running scan tells, into the records.
+class ScanQueue::Observer final : public ScanObserver {
+ public:
+  Observer(ScanQueue& queue, std::uint64_t id) : queue_(queue), id_(id) {}
+
+  void on_state(ScanState state) override {
+    spdlog::info("scan {}: {}", id_, to_string(state));
+    queue_.show_lamp(lamp_of(state));
+    {
+      const MutexLock lock(queue_.mutex_);
+      queue_.machine_.state = state;
+    }
+    queue_.change(id_, true, [&](ScanRecord& record) { record.state = state; });
+  }
+  void on_progress(const ScanProgress& progress) override {
+    queue_.change(id_, false, [&](ScanRecord& record) { record.progress = progress; });
+  }
+  void on_status(const DeviceStatus& status) override { queue_.note_status(status); }
+  std::optional<std::string> cancelled() override {
+    const MutexLock lock(queue_.mutex_);
+    if (queue_.stop_) return "because the daemon ends";
+    return queue_.cancel_;
+  }
+
+ private:
+  ScanQueue& queue_;
+  const std::uint64_t id_;
+};
+
+ScanQueue::ScanQueue(ScanStore store, Calibration calibration, ScanQueueOptions options, Connect connect)
+    : calibration_(std::move(calibration)),
+      options_(std::move(options)),
+      connect_(std::move(connect)),
+      retry_(options_.first_retry),
+      store_(std::move(store)) {
+  const MutexLock lock(mutex_);
+  std::vector<std::string> problems;
+  for (ScanRecord& record : store_.load(problems)) records_.emplace(record.id, std::move(record));
+  for (const std::string& problem : problems) spdlog::warn("{}", problem);
+  machine_.device_url = options_.device_url;
+  machine_.camera_url = options_.camera_url;
+}
+
+ScanQueue::~ScanQueue() {
+  stop();
+}
+
+tl::expected<void, ConnectError> ScanQueue::start() {
+  thread_ = std::thread([this] { own_machine(); });
+  const MutexLock lock(mutex_);
+  while (!first_attempt_done_) wake_.wait(mutex_);
+  if (refused_) return tl::make_unexpected(*refused_);
+  return {};
+}
+
+void ScanQueue::stop() {
+  {
+    const MutexLock lock(mutex_);
+    stop_ = true;
+  }
+  wake_.notify_all();
+  if (thread_.joinable()) thread_.join();
+}
+
+bool ScanQueue::stopping() const {
+  const MutexLock lock(mutex_);
+  return stop_;
+}
+
+void ScanQueue::sleep(std::chrono::nanoseconds time) {
+  const MutexLock lock(mutex_);
+  if (!stop_ && queue_.empty()) wake_.wait_for(mutex_, time);
+}
+
+// --- the owner's thread ---
+
+void ScanQueue::own_machine() {
+  while (!stopping()) {
+    if (!connection_) {
+      connect();
+      continue;
+    }
+    std::optional<std::uint64_t> next;
+    {
+      const MutexLock lock(mutex_);
+      if (!queue_.empty()) {
+        next = queue_.front();
+        queue_.pop_front();
+        cancel_.reset();
+        machine_.current_scan = *next;
+      }
+    }
+    if (next) {
+      run(*next);
+    } else {
+      watch_machine();
+      sleep(options_.poll_period);
+    }
+  }
+  std::deque<std::uint64_t> left;
+  {
+    const MutexLock lock(mutex_);
+    left.swap(queue_);
+  }
+  for (const std::uint64_t id : left) {
+    change(id, true, [](ScanRecord& record) {
+      record.state = ScanState::cancelled;
+      record.reason = "The daemon ended before the scan began; start it again.";
+    });
+  }
+  if (connection_) {
+    show_lamp(LampPattern::off);
+    const SafeReport report = connection_->device->make_safe();
+    spdlog::info("machine made safe: {}", report.text);
+    connection_.reset();
+  }
+}
+
+void ScanQueue::connect() {
+  auto connection = connect_();
+  if (connection) {
+    const DeviceIdentity& identity = connection->device->identity();
+    spdlog::info("connected to {} at {}, camera {} at {}{}", identity.machine, options_.device_url,
+                 connection->camera->mode().identity, options_.camera_url, identity.simulated ? " (simulated)" : "");
+    if (!connection->device->found_at_open().text.empty()) spdlog::info("{}", connection->device->found_at_open().text);
+    connection_ = std::move(*connection);
+    retry_ = options_.first_retry;
+    lamp_ = LampPattern::off;
+    result_lamp_.reset();
+    connection_->device->take_button_presses();
+    const MutexLock lock(mutex_);
+    machine_.connected = true;
+    machine_.machine = identity.machine;
+    machine_.simulated = identity.simulated;
+    machine_.error.clear();
+    first_attempt_done_ = true;
+    wake_.notify_all();
+    return;
+  }
+  bool known = false;
+  {
+    const MutexLock lock(mutex_);
+    known = machine_.error == connection.error().message;
+    machine_.connected = false;
+    machine_.error = connection.error().message;
+    if (!first_attempt_done_ && connection.error().wrong_configuration) refused_ = connection.error();
+    first_attempt_done_ = true;
+    wake_.notify_all();
+  }
+  // Each cause once: an absent machine would fill the log.
+  if (!known) spdlog::error("no machine: {}", connection.error().message);
+  const MutexLock lock(mutex_);
+  if (!stop_) wake_.wait_for(mutex_, retry_);
+  retry_ = std::min(2 * retry_, options_.longest_retry);
+}
+
+/// One look at the machine while no scan runs: heartbeat, state for the clients, the button.
+void ScanQueue::watch_machine() {
+  auto status = connection_->device->poll();
+  if (!status) {
+    const auto kind = status.error().kind;
+    if (kind == DeviceError::Kind::fault || kind == DeviceError::Kind::interlock) {
+      spdlog::warn("{}", status.error().message());
+      return;
+    }
+    lose_connection(status.error().message());
+    return;
+  }
+  note_status(*status);
+  const bool unlocked_now = was_locked_ && !status->local_action_needed;
+  was_locked_ = status->local_action_needed;
+  const auto presses = connection_->device->take_button_presses();
+
+  if (result_lamp_ && std::chrono::steady_clock::now() > result_lamp_end_) result_lamp_.reset();
+  const bool unfit = status->local_action_needed || !status->interlock_closed || status->emergency_stop;
+  const LampPattern idle = result_lamp_.value_or(LampPattern::ready);
+  show_lamp(status->fault_code != 0 ? LampPattern::fault : unfit ? LampPattern::attention : idle);
+
+  // A press that unlocks the machine after a stop means "go on", not "scan".
+  if (presses == 0 || unlocked_now || status->local_action_needed) return;
+  spdlog::info("button pressed");
+  if (auto submitted = submit(options_.button_request, "button"); !submitted) {
+    spdlog::warn("the button's scan was not taken: {}", submitted.error().detail);
+  }
+}
+
+void ScanQueue::run(std::uint64_t id) {
+  ScanTask task;
+  {
+    const MutexLock lock(mutex_);
+    const ScanRecord& record = records_.at(id);
+    task.request = record.request;
+    task.date = record.created;
+    task.log_file = store_.log_file(id);
+    task.results_folder = store_.results_folder(id);
+  }
+  const bool simulated = connection_->device->identity().simulated || connection_->camera->mode().simulated;
+  change(id, false, [&](ScanRecord& record) { record.simulated = simulated; });
+  Observer observer(*this, id);
+  const ScanEquipment equipment{*connection_->device, *connection_->camera,     *connection_->clock,
+                                calibration_,         connection_->truth.get(), options_.volume};
+  auto outcome = run_scan(equipment, task, observer);
+
+  const ScanState state = outcome ? ScanState::done : outcome.error().state;
+  if (outcome) {
+    for (const std::string& warning : outcome->warnings) spdlog::warn("scan {}: {}", id, warning);
+    spdlog::info("scan {}: done, {} files in {}, {:.0f} ms from the last frame to the STEP file", id,
+                 outcome->files.size(), task.results_folder.string(), outcome->last_frame_to_step_s * 1e3);
+  } else {
+    spdlog::warn("scan {}: {}: {}", id, to_string(state), outcome.error().reason);
+  }
+  result_lamp_ = lamp_of(state);
+  result_lamp_end_ = std::chrono::steady_clock::now() + options_.result_lamp;
+  show_lamp(*result_lamp_);
+  {
+    const MutexLock lock(mutex_);
+    machine_.state = ScanState::idle;
+    machine_.current_scan = 0;
+  }
+  change(id, true, [&](ScanRecord& record) {
+    record.state = state;
+    if (outcome) {
+      record.files = outcome->files;
+      record.progress.fraction = 1;
+      record.progress.seconds_left = 0;
+    } else {
+      record.reason = outcome.error().reason;
+    }
+  });
+  if (!outcome && (outcome.error().device_lost || outcome.error().camera_lost)) lose_connection(outcome.error().reason);
+}
+
+void ScanQueue::lose_connection(const std::string& reason) {
+  spdlog::error("connection lost: {}", reason);
+  connection_.reset();
+  std::deque<std::uint64_t> left;
+  {
+    const MutexLock lock(mutex_);
+    machine_.connected = false;
+    machine_.error = reason;
+    machine_.laser_on = false;
+    left.swap(queue_);
+  }
+  // A scan that starts by itself when the machine comes back would surprise whoever stands before it.
+  for (const std::uint64_t id : left) {
+    change(id, true, [&](ScanRecord& record) {
+      record.state = ScanState::failed;
+      record.reason = "The machine was lost before the scan began: " + reason;
+    });
+  }
+}
+
+void ScanQueue::show_lamp(LampPattern pattern) {
+  if (pattern == lamp_) return;
+  // A lamp that fails is no reason to stop; a lost link shows at the next poll.
+  if (connection_->device->set_lamp(pattern)) lamp_ = pattern;
+}
+
+// --- shared state ---
+
+void ScanQueue::note_status(const DeviceStatus& status) {
+  const MutexLock lock(mutex_);
+  machine_.motion = motion_text(status.motion);
+  machine_.angle_deg = std::remainder(status.angle_rad * 180 / std::numbers::pi, 360.);
+  if (machine_.angle_deg < 0) machine_.angle_deg += 360;
+  machine_.interlock_closed = status.interlock_closed;
+  machine_.laser_on = status.lasers_on != 0;
+  machine_.fault = status.fault_text;
+}
+
+void ScanQueue::save(const ScanRecord& record) {
+  if (auto saved = store_.save(record); !saved) spdlog::error("scan {}: {}", record.id, saved.error().message);
+}
+
+void ScanQueue::change(std::uint64_t id, bool saved, const std::function<void(ScanRecord&)>& edit) {
+  ScanRecord copy;
+  {
+    const MutexLock lock(mutex_);
+    ScanRecord& record = records_.at(id);
+    edit(record);
+    if (saved) save(record);
+    copy = record;
+  }
+  tell(copy);
+}
+
+void ScanQueue::tell(const ScanRecord& record) {
+  const MutexLock lock(listeners_mutex_);
+  for (const auto& [id, listener] : listeners_) listener(record);
+}
+
+MachineState ScanQueue::machine() const {
+  const MutexLock lock(mutex_);
+  return machine_;
+}
+
+tl::expected<ScanRecord, ServiceError> ScanQueue::submit(const ScanRequest& request, const std::string& requested_by) {
+  ScanRecord record;
+  {
+    const MutexLock lock(mutex_);
+    if (stop_) return tl::make_unexpected(ServiceError{503, "ending", "The daemon is ending; start it again."});
+    if (!machine_.connected) {
+      return tl::make_unexpected(ServiceError{503, "no machine", "No machine is connected: " + machine_.error});
+    }
+    if (queue_.size() >= options_.longest_queue) {
+      return tl::make_unexpected(ServiceError{
+          429, "queue full", std::to_string(queue_.size()) + " scans are waiting already; cancel some or wait."});
+    }
+    auto id = store_.new_scan();
+    if (!id) return tl::make_unexpected(ServiceError{507, "no storage", id.error().message});
+    record.id = *id;
+    record.request = request;
+    record.requested_by = requested_by;
+    record.state = ScanState::queued;
+    record.created = utc_now();
+    record.simulated = machine_.simulated;
+    record.folder = store_.results_folder(*id);
+    if (auto saved = store_.save(record); !saved) {
+      return tl::make_unexpected(ServiceError{507, "no storage", saved.error().message});
+    }
+    records_.emplace(*id, record);
+    queue_.push_back(*id);
+    wake_.notify_all();
+  }
+  spdlog::info("scan {}: queued by {}", record.id, requested_by);
+  tell(record);
+  return record;
+}
+
+std::vector<ScanRecord> ScanQueue::scans() const {
+  const MutexLock lock(mutex_);
+  std::vector<ScanRecord> all;
+  all.reserve(records_.size());
+  for (const auto& [id, record] : records_) all.push_back(record);
+  return all;
+}
+
+std::optional<ScanRecord> ScanQueue::scan(std::uint64_t id) const {
+  const MutexLock lock(mutex_);
+  const auto found = records_.find(id);
+  if (found == records_.end()) return std::nullopt;
+  return found->second;
+}
+
+tl::expected<ScanRecord, ServiceError> ScanQueue::cancel(std::uint64_t id) {
+  ScanRecord copy;
+  {
+    const MutexLock lock(mutex_);
+    const auto found = records_.find(id);
+    if (found == records_.end()) {
+      return tl::make_unexpected(ServiceError{404, "no such scan", "There is no scan " + std::to_string(id) + "."});
+    }
+    ScanRecord& record = found->second;
+    if (is_final(record.state)) {
+      return tl::make_unexpected(ServiceError{
+          409, "already over",
+          "Scan " + std::to_string(id) + " is " + to_string(record.state) + " already; there is nothing to cancel."});
+    }
+    const auto waiting = std::find(queue_.begin(), queue_.end(), id);
+    if (waiting == queue_.end()) {
+      cancel_ = "on request";
+      return record;
+    }
+    queue_.erase(waiting);
+    record.state = ScanState::cancelled;
+    record.reason = "The scan was cancelled on request before it began; start a new scan.";
+    save(record);
+    copy = record;
+  }
+  tell(copy);
+  return copy;
+}
+
+std::uint64_t ScanQueue::subscribe(std::function<void(const ScanRecord&)> listener) {
+  const MutexLock lock(listeners_mutex_);
+  listeners_.emplace(++last_subscription_, std::move(listener));
+  return last_subscription_;
+}
+
+void ScanQueue::unsubscribe(std::uint64_t subscription) {
+  const MutexLock lock(listeners_mutex_);
+  listeners_.erase(subscription);
+}
+
+}  // namespace celadon

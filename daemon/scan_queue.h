@@ -1,0 +1,103 @@
+#pragma once
+// The queue of scans and the one thread that owns machine and camera. Button, command line and network are its clients.
+
+#include <chrono>
+#include <deque>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "daemon/scan_job.h"
+#include "daemon/scan_service.h"
+#include "daemon/scan_store.h"
+#include "daemon/scanner_connection.h"
+#include "daemon/thread_annotations.h"
+
+namespace celadon {
+
+struct ScanQueueOptions {
+  std::string device_url, camera_url;  ///< as shown to clients
+  ScanRequest button_request;          ///< what a press starts
+  ScanVolume volume;
+  std::size_t longest_queue = 100;
+  std::chrono::nanoseconds poll_period = std::chrono::milliseconds(50);   ///< idle; real time
+  std::chrono::nanoseconds first_retry = std::chrono::milliseconds(500);  ///< of a connection; doubles up to
+  std::chrono::nanoseconds longest_retry = std::chrono::seconds(8);       ///< this
+  std::chrono::nanoseconds result_lamp = std::chrono::seconds(20);        ///< how long the lamp shows how a scan ended
+};
+
+class ScanQueue final : public ScanService {
+ public:
+  using Connect = std::function<tl::expected<ScannerConnection, ConnectError>()>;
+
+  ScanQueue(ScanStore store, Calibration calibration, ScanQueueOptions options, Connect connect);
+  ~ScanQueue() override;  ///< stops
+
+  /// Starts the owner's thread and returns after its first attempt to connect. Fails only for what trying again cannot
+  /// help; an absent machine is waited for.
+  tl::expected<void, ConnectError> start() CELADON_EXCLUDES(mutex_);
+  /// Cancels what runs, makes the machine safe, ends the thread. Queued scans are cancelled.
+  void stop() CELADON_EXCLUDES(mutex_);
+
+  MachineState machine() const override CELADON_EXCLUDES(mutex_);
+  tl::expected<ScanRecord, ServiceError> submit(const ScanRequest& request, const std::string& requested_by) override
+      CELADON_EXCLUDES(mutex_);
+  std::vector<ScanRecord> scans() const override CELADON_EXCLUDES(mutex_);
+  std::optional<ScanRecord> scan(std::uint64_t id) const override CELADON_EXCLUDES(mutex_);
+  tl::expected<ScanRecord, ServiceError> cancel(std::uint64_t id) override CELADON_EXCLUDES(mutex_);
+  std::uint64_t subscribe(std::function<void(const ScanRecord&)> listener) override CELADON_EXCLUDES(listeners_mutex_);
+  void unsubscribe(std::uint64_t subscription) override CELADON_EXCLUDES(listeners_mutex_);
+
+ private:
+  class Observer;
+
+  // The owner's thread, from top to bottom.
+  void own_machine() CELADON_EXCLUDES(mutex_);
+  void connect() CELADON_EXCLUDES(mutex_);
+  void watch_machine() CELADON_EXCLUDES(mutex_);
+  void run(std::uint64_t id) CELADON_EXCLUDES(mutex_);
+  void lose_connection(const std::string& reason) CELADON_EXCLUDES(mutex_);
+  void show_lamp(LampPattern pattern);
+
+  void note_status(const DeviceStatus& status) CELADON_EXCLUDES(mutex_);
+  /// Changes a record, saves it if asked to, tells the listeners.
+  void change(std::uint64_t id, bool save, const std::function<void(ScanRecord&)>& edit) CELADON_EXCLUDES(mutex_);
+  void tell(const ScanRecord& record) CELADON_EXCLUDES(listeners_mutex_);
+  void save(const ScanRecord& record) CELADON_REQUIRES(mutex_);
+  bool stopping() const CELADON_EXCLUDES(mutex_);
+  void sleep(std::chrono::nanoseconds time) CELADON_EXCLUDES(mutex_);
+
+  const Calibration calibration_;
+  const ScanQueueOptions options_;
+  const Connect connect_;
+
+  // Of the owner's thread alone.
+  std::optional<ScannerConnection> connection_;
+  std::chrono::nanoseconds retry_;
+  LampPattern lamp_ = LampPattern::off;
+  std::optional<LampPattern> result_lamp_;  ///< how the last scan ended, until result_lamp_end_
+  std::chrono::steady_clock::time_point result_lamp_end_;
+  bool was_locked_ = false;
+
+  mutable Mutex mutex_;
+  Condition wake_;
+  ScanStore store_ CELADON_GUARDED_BY(mutex_);
+  std::map<std::uint64_t, ScanRecord> records_ CELADON_GUARDED_BY(mutex_);
+  std::deque<std::uint64_t> queue_ CELADON_GUARDED_BY(mutex_);
+  MachineState machine_ CELADON_GUARDED_BY(mutex_);
+  std::optional<std::string> cancel_ CELADON_GUARDED_BY(mutex_);  ///< of the running scan: by whom
+  std::optional<ConnectError> refused_ CELADON_GUARDED_BY(mutex_);
+  bool first_attempt_done_ CELADON_GUARDED_BY(mutex_) = false, stop_ CELADON_GUARDED_BY(mutex_) = false;
+
+  Mutex listeners_mutex_;
+  std::map<std::uint64_t, std::function<void(const ScanRecord&)>> listeners_ CELADON_GUARDED_BY(listeners_mutex_);
+  std::uint64_t last_subscription_ CELADON_GUARDED_BY(listeners_mutex_) = 0;
+
+  std::thread thread_;
+};
+
+}  // namespace celadon

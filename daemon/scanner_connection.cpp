@@ -1,0 +1,61 @@
+#include "daemon/scanner_connection.h"
+
+#include "daemon/sim_control.h"
+#include "firmware_bridge/transport.h"
+
+namespace celadon {
+namespace {
+
+constexpr const char* kSim = "sim:";
+
+tl::unexpected<ConnectError> failed(const std::string& message, bool wrong_configuration = false) {
+  return tl::make_unexpected(ConnectError{message, wrong_configuration});
+}
+
+bool cannot_help(const DeviceError& error) {
+  using Kind = DeviceError::Kind;
+  return error.kind == Kind::wrong_protocol;
+}
+
+}  // namespace
+
+tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
+                                                              const std::string& camera_url,
+                                                              const Calibration& calibration) {
+  ScannerConnection connection;
+  connection.clock = std::make_unique<MonotonicClock>();
+  if (camera_url.rfind(kSim, 0) == 0) {
+    const std::string folder = camera_url.substr(std::string(kSim).size());
+    auto control = SimControl::open(folder);
+    if (!control) return failed(control.error());
+    auto for_truth = SimControl::open(folder);
+    if (!for_truth) return failed(for_truth.error());
+    connection.truth = std::make_unique<SimTruth>(std::move(*for_truth));
+    if ((*control)->lock_step()) connection.clock = std::make_unique<SimClock>(std::move(*control));
+  }
+
+  auto transport = open_transport(device_url);
+  if (!transport) return failed(transport.error().message(), cannot_help(transport.error()));
+  auto device = ScannerDevice::open(std::move(*transport), *connection.clock);
+  if (!device) return failed(device.error().message(), cannot_help(device.error()));
+  connection.device = std::move(*device);
+
+  auto camera = open_frame_source(camera_url);
+  if (!camera) return failed(camera.error().message);
+  connection.camera = std::move(*camera);
+
+  const CameraMode& mode = connection.camera->mode();
+  auto checked = check_calibration(calibration, connection.device->identity().machine, mode.identity, mode.width_px,
+                                   mode.height_px);
+  if (!checked) return failed(checked.error().message, true);
+  if (calibration.lasers.front().laser >= connection.device->capabilities().lasers) {
+    return failed("The calibration is for laser " + std::to_string(calibration.lasers.front().laser) +
+                      ", but the machine has lasers 0 to " +
+                      std::to_string(connection.device->capabilities().lasers - 1) +
+                      "; calibrate this machine or give its calibration.",
+                  true);
+  }
+  return connection;
+}
+
+}  // namespace celadon
