@@ -131,6 +131,15 @@ Renderer::Renderer(Scene scene, const OpticsConfig& config)
   for (auto& plane : colour_) plane.assign(width + 16, 0);
 }
 
+void Renderer::place(const ObjectPose& pose, double camera_turn_rad) {
+  if (pose == scene_.pose() && camera_turn_rad == camera_turn_rad_) return;
+  scene_.set_pose(pose);
+  camera_turn_rad_ = camera_turn_rad;
+  const Eigen::Isometry3d turn(Eigen::AngleAxisd(camera_turn_rad, Vector3d::UnitY()));
+  camera_ = VirtualCamera(config_.camera, turn * config_.X_CW);
+  strand_is_current_ = ambient_ready_ = false;
+}
+
 double Renderer::across_mm(int k) const {
   return (k - kAcross / 2) * 1.2 * std::max(config_.sheet.sigma_mm, 0.01);
 }

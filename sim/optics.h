@@ -50,7 +50,7 @@ OpticsConfig default_optics(int width_px, int height_px, double sheet_offset_mm,
 /// Table angle and laser power over time, sampled on a regular grid that covers a frame's exposure.
 struct MotionRecord {
   struct Sample {
-    double angle_rad = 0, speed_rad_per_s = 0, laser_power = 0, ambient = 1;
+    double angle_rad = 0, speed_rad_per_s = 0, laser_power = 0;
   };
   std::int64_t first_ns = 0, step_ns = 1'000'000;
   std::vector<Sample> samples;
@@ -81,6 +81,9 @@ class Renderer {
   /// Mean brightness of the laser line alone, in levels over the background, without speckle and noise: for tests.
   void render_line(const Exposure& exposure, std::vector<float>& levels);
 
+  /// Another pose of the object on the table, or a camera that was turned about its own vertical.
+  void place(const ObjectPose& pose, double camera_turn_rad);
+
   const Scene& scene() const { return scene_; }
   const OpticsConfig& config() const { return config_; }
   const VirtualCamera& camera() const { return camera_; }
@@ -110,6 +113,7 @@ class Renderer {
   void speckle_row(const RandomKey& key, int row, int from, int to);
 
   Scene scene_;
+  double camera_turn_rad_ = 0;
   OpticsConfig config_;
   VirtualCamera camera_;
   std::vector<Eigen::Vector3d> fan_;  ///< directions in the sheet, a few rows apart

@@ -39,6 +39,7 @@ class Shape {
 /// Where the object stands on the table: turned about z, then moved.
 struct ObjectPose {
   double x_mm = 0, y_mm = 0, turn_rad = 0;
+  bool operator==(const ObjectPose&) const = default;
 };
 
 enum class Material : std::uint8_t { object, platter };

@@ -1,0 +1,349 @@
+#include "sim/device_model.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <ctime>
+#include <numbers>
+#include <stdexcept>
+#include <utility>
+
+namespace celadon::sim {
+namespace {
+
+constexpr std::int64_t kTick_ns = 1'000'000;
+constexpr std::size_t kHistory = 512;  // ticks: exposure, read-out and a late renderer
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr std::uint64_t kStartAnglePurpose = 3;
+constexpr const char* kVendor = "Celadon";
+constexpr const char* kModel = "Virtual Scanner";
+
+std::int64_t to_udeg(double rad) {
+  return std::llround(rad / kDegree * 1e6);
+}
+double from_udeg(std::int64_t udeg) {
+  return static_cast<double>(udeg) * 1e-6 * kDegree;
+}
+
+Scene checked_scene(const std::string& name) {
+  auto scene = Scene::make(name);
+  if (!scene) throw std::invalid_argument(scene.error());
+  return *std::move(scene);
+}
+
+}  // namespace
+
+std::string utc_date(std::int64_t unix_seconds) {
+  const auto t = static_cast<std::time_t>(unix_seconds);
+  std::tm parts{};
+  gmtime_r(&t, &parts);
+  std::array<char, 32> text{};
+  (void)std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &parts);
+  return text.data();
+}
+
+DeviceConfig default_device(const CameraConfig& camera, double sheet_offset_mm, double sheet_tilt_rad) {
+  DeviceConfig config;
+  config.camera = camera;
+  config.optics = default_optics(camera.width_px, camera.height_px, sheet_offset_mm, sheet_tilt_rad);
+  config.optics.format = camera.format;
+  return config;
+}
+
+DeviceModel::DeviceModel(const DeviceConfig& config)
+    : config_(config),
+      scene_(checked_scene(config.scene)),
+      table_([&] {
+        TurntableConfig t = config.turntable;
+        t.start_angle_rad = 2 * std::numbers::pi * random_uniform(make_key(config.seed, kStartAnglePurpose, 0), 0);
+        return t;
+      }()),
+      laser_(config.laser),
+      camera_(config.camera, config.start_ns),
+      now_ns_(config.start_ns),
+      boot_ns_(config.start_ns),
+      next_tick_ns_(config.start_ns) {
+  if (config_.date.empty()) config_.date = utc_date(std::time(nullptr));
+  tick();
+  boot();
+}
+
+void DeviceModel::boot() {
+  boot_ns_ = now_ns_;
+  sample_ = {};
+  ControllerConfig c;
+  c.vendor = kVendor;
+  c.model = kModel;
+  c.serial = config_.serial.c_str();
+  c.simulated = true;
+  c.locked_at_start = config_.locked_at_start;
+  c.axis[0].encoder_resolution_ndeg =
+      static_cast<std::uint32_t>(std::llround(table_.encoder_quantum_rad() / kDegree * 1e9));
+  c.axis[0].max_speed_udeg_per_s = static_cast<std::uint32_t>(to_udeg(config_.turntable.max_speed_rad_per_s));
+  c.axis[0].max_acceleration_udeg_per_s2 =
+      static_cast<std::uint32_t>(to_udeg(config_.turntable.max_acceleration_rad_per_s2));
+  core_.emplace(c, static_cast<Plant&>(*this), ++boots_, std::uint64_t{0});
+}
+
+void DeviceModel::tick() {
+  history_.push_back({table_.table_angle_rad(now_ns_), table_.table_speed_rad_per_s(now_ns_), laser_.power(now_ns_)});
+  if (history_.size() > kHistory) history_.pop_front();
+  while (!presses_.empty() && presses_.front().to_ns <= now_ns_) presses_.pop_front();
+  next_tick_ns_ += kTick_ns;
+  if (core_) core_->step(controller_us());
+}
+
+void DeviceModel::advance_to(std::int64_t time_ns) {
+  while (now_ns_ < time_ns) {
+    now_ns_ = std::min({time_ns, next_tick_ns_, std::max(now_ns_ + 1, faults_.next_ns())});
+    for (const FaultOrder& order : faults_.due(now_ns_)) inject(order);
+    if (now_ns_ >= next_tick_ns_) tick();
+    camera_.advance(now_ns_);
+  }
+}
+
+std::int64_t DeviceModel::next_event_ns() const {
+  return std::min(camera_.next_event_ns(), faults_.next_ns());
+}
+
+protocol::Exception DeviceModel::read_input(std::uint16_t address, std::uint16_t count, std::uint16_t* words) {
+  return core_->read_input(controller_us(), address, count, words);
+}
+protocol::Exception DeviceModel::read_holding(std::uint16_t address, std::uint16_t count, std::uint16_t* words) {
+  return core_->read_holding(controller_us(), address, count, words);
+}
+protocol::Exception DeviceModel::write_holding(std::uint16_t address, std::uint16_t count, const std::uint16_t* words) {
+  return core_->write_holding(controller_us(), address, count, words);
+}
+
+PlantInputs DeviceModel::inputs(std::uint64_t /*now_us*/) {
+  PlantInputs in;
+  in.interlock_closed = !faults_.armed("interlock-open");
+  in.emergency_stop = faults_.armed("emergency-stop");
+  in.button = button_down();
+  in.lasers_measured = laser_.emits(now_ns_) ? 1 : 0;
+  return in;
+}
+
+// The drive samples its encoder once a millisecond.
+AxisSample DeviceModel::axis(int /*axis*/, std::uint64_t now_us) {
+  const std::uint64_t at_us = now_us / 1000 * 1000;
+  if (samples_taken_ == 0 || at_us != sample_.time_us || sample_.counter == 0) {
+    const std::int64_t at_ns = boot_ns_ + static_cast<std::int64_t>(at_us) * 1000;
+    sample_.time_us = at_us;
+    sample_.counter = ++samples_taken_;
+    sample_.position_udeg = to_udeg(table_.encoder_rad(at_ns));
+    sample_.speed_udeg_per_s = static_cast<std::int32_t>(to_udeg(table_.encoder_speed_rad_per_s(at_ns)));
+  }
+  sample_.index_found = table_.index_found(now_ns_);
+  sample_.fault = table_.stalled() ? FaultCode::motor_stalled : FaultCode::none;
+  switch (table_.phase(now_ns_)) {
+    case Turntable::Phase::standing:
+      sample_.phase = AxisPhase::standing;
+      break;
+    case Turntable::Phase::moving:
+      sample_.phase = AxisPhase::moving;
+      break;
+    case Turntable::Phase::settling:
+      sample_.phase = AxisPhase::settling;
+      break;
+  }
+  if (sample_.phase == AxisPhase::standing) sample_.speed_udeg_per_s = 0;
+  return sample_;
+}
+
+void DeviceModel::home(int /*axis*/, std::uint64_t /*now_us*/) {
+  table_.home(now_ns_);
+}
+void DeviceModel::move(int /*axis*/, std::int64_t target_udeg, std::uint32_t speed_udeg_per_s,
+                       std::uint32_t acceleration_udeg_per_s2, std::uint64_t /*now_us*/) {
+  table_.move(from_udeg(target_udeg), from_udeg(speed_udeg_per_s), from_udeg(acceleration_udeg_per_s2), now_ns_);
+}
+void DeviceModel::stop(int /*axis*/, std::uint64_t /*now_us*/) {
+  table_.stop(now_ns_);
+}
+void DeviceModel::release(int /*axis*/, std::uint64_t /*now_us*/) {
+  table_.release(now_ns_);
+}
+void DeviceModel::set_lasers(std::uint16_t mask, std::uint64_t /*now_us*/) {
+  laser_.enable((mask & 1) != 0, now_ns_);
+}
+void DeviceModel::set_lamp(LampPattern /*pattern*/, std::uint64_t /*now_us*/) {}  // the core knows what it shows
+
+bool DeviceModel::button_down() const {
+  if (faults_.armed("button-stuck")) return true;
+  return std::any_of(presses_.begin(), presses_.end(),
+                     [&](const Press& p) { return now_ns_ >= p.from_ns && now_ns_ < p.to_ns; });
+}
+
+std::uint32_t DeviceModel::press(std::int64_t held_ns) {
+  constexpr std::int64_t kPause_ns = 100'000'000;
+  const std::int64_t from = presses_.empty() ? now_ns_ : std::max(now_ns_, presses_.back().to_ns + kPause_ns);
+  presses_.push_back({from, from + held_ns});
+  return ++press_count_;
+}
+
+void DeviceModel::inject(const FaultOrder& order) {
+  if (order.at_ns > now_ns_) {
+    faults_.schedule(order);
+    return;
+  }
+  const std::string name = order.kind->name;
+  // Events happen once and leave nothing armed.
+  if (name == "drop-frame") return camera_.lose_next(static_cast<int>(order.value));
+  if (name == "encoder-slip") return table_.slip_encoder(order.value * kDegree);
+  if (name == "modbus-disconnect") {
+    disconnect_ = true;
+    return;
+  }
+  if (name == "controller-reset") {
+    laser_.enable(false, now_ns_);
+    table_.stop(now_ns_);
+    return boot();
+  }
+  if (name == "object-slip") {
+    ObjectPose pose = scene_.pose();
+    const double c = std::cos(order.value * kDegree), s = std::sin(order.value * kDegree);
+    pose = {c * pose.x_mm - s * pose.y_mm, s * pose.x_mm + c * pose.y_mm, pose.turn_rad + order.value * kDegree};
+    return scene_.set_pose(pose);
+  }
+  if (name == "camera-nudge") {
+    camera_turn_rad_ += order.value * kDegree;
+    return;
+  }
+  faults_.arm(order);
+  if (name == "delay-frames") camera_.set_extra_delay(static_cast<std::int64_t>(order.value * 1e6));
+  if (name == "laser-stuck-on") laser_.set_stuck_on(true, now_ns_);
+  if (name == "laser-dead") laser_.set_dead(true);
+  if (name == "motor-stall") table_.block(true, now_ns_);
+  if (name == "steps-wrong") table_.set_gear_error(order.value);
+  if (name == "lights-on") ambient_ = order.value;
+  if (name == "camera-unplug") camera_.stop();
+}
+
+void DeviceModel::clear_fault(const std::string& name) {
+  faults_.clear(name);
+  if (name == "drop-frame") camera_.lose_next(0);
+  if (name == "delay-frames") camera_.set_extra_delay(0);
+  if (name == "laser-stuck-on") laser_.set_stuck_on(false, now_ns_);
+  if (name == "laser-dead") laser_.set_dead(false);
+  if (name == "motor-stall") {
+    table_.block(false, now_ns_);
+    table_.clear_stall();
+  }
+  if (name == "steps-wrong") table_.set_gear_error(1);
+  if (name == "lights-on") ambient_ = 1;
+}
+
+MotionRecord DeviceModel::record(std::int64_t from_ns, std::int64_t to_ns) const {
+  const std::int64_t newest = next_tick_ns_ - kTick_ns;
+  const std::int64_t oldest = newest - static_cast<std::int64_t>(history_.size() - 1) * kTick_ns;
+  const auto index = [&](std::int64_t t) {
+    return std::clamp<std::int64_t>((t - oldest) / kTick_ns, 0, static_cast<std::int64_t>(history_.size()) - 1);
+  };
+  const std::int64_t first = index(from_ns),
+                     last = std::min<std::int64_t>(index(to_ns) + 1, static_cast<std::int64_t>(history_.size()) - 1);
+  MotionRecord out;
+  out.first_ns = oldest + first * kTick_ns;
+  out.step_ns = kTick_ns;
+  out.samples.assign(history_.begin() + first, history_.begin() + last + 1);
+  return out;
+}
+
+std::optional<DeviceModel::RenderOrder> DeviceModel::next_render() {
+  // One tick later, so that the motion over the whole exposure is on record.
+  FrameTicket* ticket = camera_.take_to_render(next_tick_ns_ - kTick_ns);
+  if (ticket == nullptr) return std::nullopt;
+  const bool corrupt = faults_.strikes("corrupt-frame");
+  ticket->corrupt = corrupt;
+  if (faults_.strikes("short-frame")) ticket->bytes_used /= 2;
+  RenderOrder order{ticket->number, ticket->slot,    corrupt, faults_.strikes("stale-frame"), {},
+                    scene_.pose(),  camera_turn_rad_};
+  Exposure& e = order.exposure;
+  e.seed = config_.seed;
+  e.frame = ticket->number;
+  e.first_row_end_ns = ticket->first_row_end_ns;
+  e.exposure_ns = ticket->exposure_ns;
+  e.line_time_ns = config_.camera.line_time_ns();
+  e.motion = record(ticket->first_row_end_ns - ticket->exposure_ns, ticket->complete_ns);
+  e.ambient_factor = ambient_;
+  return order;
+}
+
+std::optional<FrameTicket> DeviceModel::advance_to_frame(std::int64_t until_ns,
+                                                         const std::function<void(const RenderOrder&)>& render) {
+  while (true) {
+    while (const auto order = next_render()) {
+      render(*order);
+      camera_.mark_rendered(order->number);
+    }
+    if (auto ticket = camera_.take(now_ns_)) return ticket;
+    if (now_ns_ >= until_ns || camera_unplugged()) return std::nullopt;
+    // At least to the next tick: a frame read out between ticks is rendered there.
+    const std::int64_t event = next_event_ns();
+    advance_to(std::min(until_ns, event > now_ns_ ? event : next_tick_ns_));
+  }
+}
+
+DeviceState DeviceModel::state() {
+  DeviceState s;
+  s.angle_rad = table_.table_angle_rad(now_ns_);
+  s.speed_rad_per_s = table_.table_speed_rad_per_s(now_ns_);
+  s.motion = core_->motion(0);
+  s.lasers_on = laser_.emits(now_ns_) ? 1 : 0;
+  s.lease_left_ms = core_->lease_left_ms(0);
+  s.lamp = core_->lamp();
+  s.fault = core_->fault();
+  s.interlock_closed = !faults_.armed("interlock-open");
+  s.local_action_needed = core_->local_action_needed();
+  s.time_ns = now_ns_;
+  return s;
+}
+
+std::string DeviceModel::machine() const {
+  return std::string(kVendor) + " " + kModel + " " + config_.serial;
+}
+std::string DeviceModel::camera_identity() const {
+  return "Celadon Virtual Camera " + config_.serial;
+}
+
+Calibration DeviceModel::calibration() const {
+  // The parameters are exact; what remains is the rounding of doubles and what a model of thin sheets and pinholes can
+  // not express: the middle of a sheet's image on curved glaze is a few micrometres off its plane.
+  const OpticsConfig& o = config_.optics;
+  const CameraIntrinsics& in = o.camera;
+  Calibration c;
+  c.machine = machine();
+  c.camera = camera_identity();
+  c.date = config_.date;
+  c.simulated = true;
+  c.camera_model.width_px = in.width_px;
+  c.camera_model.height_px = in.height_px;
+  c.camera_model.fx_px = {in.fx_px, 1e-6};
+  c.camera_model.fy_px = {in.fy_px, 1e-6};
+  c.camera_model.cx_px = {in.cx_px, 1e-6};
+  c.camera_model.cy_px = {in.cy_px, 1e-6};
+  c.camera_model.distortion = {Measured{in.k1, 1e-9}, Measured{in.k2, 1e-9}, Measured{in.p1, 1e-9},
+                               Measured{in.p2, 1e-9}, Measured{in.k3, 1e-9}};
+  LaserPlane plane;
+  plane.laser = 0;
+  plane.normal_C = o.X_CW.linear() * o.sheet.normal_W;
+  plane.normal_C.normalize();
+  plane.distance_mm = o.sheet.distance_mm + plane.normal_C.dot(o.X_CW.translation());
+  plane.u_normal_rad = 1e-9;
+  plane.u_distance_mm = 1e-6;
+  c.lasers = {plane};
+  c.axis.X_CW = o.X_CW;
+  c.axis.u_direction_rad = 1e-9;
+  c.axis.u_position_mm = 1e-6;
+  c.encoder_scale = {1, 1e-9};
+  c.direction = 1;
+  c.scale = {1, 1e-9};
+  c.systematic_mm = 0.002;
+  c.time.stamp_offset_ns = {-static_cast<double>(config_.camera.stamp_latency_ns), 1};
+  c.time.exposure_factor = {-0.5, 1e-9};
+  c.time.line_time_ns = {static_cast<double>(config_.camera.line_time_ns()), 1e-3};
+  return c;
+}
+
+}  // namespace celadon::sim

@@ -1,0 +1,145 @@
+#pragma once
+// One machine on one clock: controller core, table, laser, button, lamp and camera. Used by one thread.
+
+#include <cstdint>
+#include <deque>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "acquisition/calibration.h"
+#include "firmware_bridge/controller_core.h"
+#include "sim/camera.h"
+#include "sim/fault_plan.h"
+#include "sim/laser.h"
+#include "sim/optics.h"
+#include "sim/scene.h"
+#include "sim/turntable.h"
+
+namespace celadon::sim {
+
+struct DeviceConfig {
+  std::string scene = "vase";
+  std::uint64_t seed = 1;
+  std::string serial = "SIM-0001";
+  std::string date;              ///< of the calibration, ISO 8601; empty: the day of the start
+  bool locked_at_start = false;  ///< a press of the button is needed before anything moves or shines
+  TurntableConfig turntable;
+  LaserConfig laser;
+  CameraConfig camera;
+  OpticsConfig optics;                    ///< camera size and format follow `camera`
+  std::int64_t start_ns = 1'000'000'000;  ///< the device's clock at power-on
+};
+
+/// The configuration of the default machine for a camera.
+DeviceConfig default_device(const CameraConfig& camera, double sheet_offset_mm = 0.3, double sheet_tilt_rad = 0.002);
+
+/// What the control socket's `state` tells: how things are, not what the controller believes.
+struct DeviceState {
+  double angle_rad = 0, speed_rad_per_s = 0;
+  MotionState motion = MotionState::unhomed;
+  std::uint16_t lasers_on = 0;  ///< that emit
+  std::uint32_t lease_left_ms = 0;
+  LampPattern lamp = LampPattern::off;
+  FaultCode fault = FaultCode::none;
+  bool interlock_closed = false, local_action_needed = false;
+  std::int64_t time_ns = 0;
+};
+
+class DeviceModel final : private Plant {
+ public:
+  /// @pre config.scene is one of Scene::names()
+  explicit DeviceModel(const DeviceConfig& config);
+  DeviceModel(const DeviceModel&) = delete;
+  DeviceModel& operator=(const DeviceModel&) = delete;
+
+  std::int64_t now_ns() const { return now_ns_; }
+  /// Lets everything happen up to that time; earlier times do nothing.
+  void advance_to(std::int64_t time_ns);
+  /// The next instant at which something happens that a client may wait for.
+  std::int64_t next_event_ns() const;
+
+  // The controller's registers, at the present instant.
+  protocol::Exception read_input(std::uint16_t address, std::uint16_t count, std::uint16_t* words);
+  protocol::Exception read_holding(std::uint16_t address, std::uint16_t count, std::uint16_t* words);
+  protocol::Exception write_holding(std::uint16_t address, std::uint16_t count, const std::uint16_t* words);
+
+  CameraTimeline& camera() { return camera_; }
+  /// A frame that is ready to be rendered, with all that the renderer needs.
+  struct RenderOrder {
+    std::uint64_t number = 0;
+    std::uint32_t slot = 0;
+    bool corrupt = false;
+    bool stale = false;  ///< keep the bytes of the frame before
+    Exposure exposure;
+    ObjectPose pose;
+    double camera_turn_rad = 0;  ///< the camera was nudged
+  };
+  std::optional<RenderOrder> next_render();
+  /// Advances the clock until a frame has arrived or the time is over; frames are rendered by `render` on the way.
+  std::optional<FrameTicket> advance_to_frame(std::int64_t until_ns,
+                                              const std::function<void(const RenderOrder&)>& render);
+
+  /// Pushes the button for that long, after presses under way. @returns the number of presses so far
+  std::uint32_t press(std::int64_t held_ns);
+  void inject(const FaultOrder& order);
+  void clear_fault(const std::string& name);
+  FaultPlan& faults() { return faults_; }
+  bool camera_unplugged() const { return faults_.armed("camera-unplug"); }
+  /// Set once by modbus-disconnect; reading resets it.
+  bool take_disconnect() { return std::exchange(disconnect_, false); }
+
+  DeviceState state();
+  const Scene& scene() const { return scene_; }
+  const DeviceConfig& config() const { return config_; }
+  std::string machine() const;
+  std::string camera_identity() const;
+  /// The true parameters.
+  Calibration calibration() const;
+
+ private:
+  PlantInputs inputs(std::uint64_t now_us) override;
+  AxisSample axis(int axis, std::uint64_t now_us) override;
+  void home(int axis, std::uint64_t now_us) override;
+  void move(int axis, std::int64_t target_udeg, std::uint32_t speed_udeg_per_s, std::uint32_t acceleration_udeg_per_s2,
+            std::uint64_t now_us) override;
+  void stop(int axis, std::uint64_t now_us) override;
+  void release(int axis, std::uint64_t now_us) override;
+  void set_lasers(std::uint16_t mask, std::uint64_t now_us) override;
+  void set_lamp(LampPattern pattern, std::uint64_t now_us) override;
+
+  void boot();
+  void tick();
+  bool button_down() const;
+  std::uint64_t controller_us() const { return static_cast<std::uint64_t>(now_ns_ - boot_ns_) / 1000; }
+  MotionRecord record(std::int64_t from_ns, std::int64_t to_ns) const;
+
+  DeviceConfig config_;
+  Scene scene_;
+  Turntable table_;
+  Laser laser_;
+  CameraTimeline camera_;
+  FaultPlan faults_;
+  std::int64_t now_ns_, boot_ns_, next_tick_ns_;
+  std::uint16_t boots_ = 0;
+  std::optional<ControllerCore> core_;
+  AxisSample sample_;
+  std::uint32_t samples_taken_ = 0;
+  struct Press {
+    std::int64_t from_ns, to_ns;
+  };
+  std::deque<Press> presses_;
+  std::uint32_t press_count_ = 0;
+  std::deque<MotionRecord::Sample> history_;  ///< one a millisecond, the last at next_tick_ns_ - 1 ms
+  double ambient_ = 1;
+  double camera_turn_rad_ = 0;
+  bool disconnect_ = false;
+};
+
+/// "2026-05-17T09:30:00Z" of a system time.
+std::string utc_date(std::int64_t unix_seconds);
+
+}  // namespace celadon::sim
