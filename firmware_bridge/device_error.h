@@ -15,6 +15,7 @@ struct DeviceError {
     fault,
     interlock,
     lost,
+    interrupted,
     system
   };
   Kind kind = Kind::system;

@@ -68,13 +68,15 @@ struct ScannerDevice::Impl {
   std::uint16_t presses = 0;   // seen, not yet taken
   bool restarted = false;      // the controller, and the owner has not been told
 
+  std::function<bool()> interrupted;  // the owner's wish to end a motion early
+
   std::int64_t now_ns() { return link.clock().now_ns(); }
 
   // ---- what is known, and how it is told ----
 
   std::string state_left() const {
     if (!link_is_up || !last) {
-      std::string text = "unknown state: the link is down";
+      std::string text = "its state unknown: the link is down";
       if (capabilities.host_watchdog)
         text += "; the controller turns the lasers off within " + std::to_string(capabilities.lease_ms) +
                 " ms and stops the motor within " + std::to_string(capabilities.heartbeat_timeout_ms) + " ms by itself";
@@ -219,6 +221,20 @@ struct ScannerDevice::Impl {
     return s.motion == MotionState::stopped ? Refusal::stopped : Refusal::none;
   }
 
+  // Waits for the end of a motion; one that fails or is interrupted is stopped.
+  tl::expected<void, DeviceError> finish_motion(const std::string& operation, std::int64_t limit_ns) {
+    bool cut = false;
+    auto ended = wait_until(operation, limit_ns, [&] {
+      cut = in_motion(last->status) && interrupted && interrupted();
+      return cut || !in_motion(last->status);
+    });
+    if (ended && !cut) return require_standstill(operation);
+    make_safe();
+    if (cut) return tl::unexpected(error(Kind::interrupted, operation, "interrupted"));
+    ended.error().left = state_left();
+    return ended;
+  }
+
   std::uint16_t next_sequence() {
     sequence = static_cast<std::uint16_t>(sequence == 0xFFFF ? 1 : sequence + 1);  // 0 means "always execute"
     return sequence;
@@ -346,18 +362,17 @@ std::uint16_t ScannerDevice::take_button_presses() {
   return std::exchange(impl_->presses, std::uint16_t{0});
 }
 
+void ScannerDevice::set_interrupt(std::function<bool()> interrupted) {
+  impl_->interrupted = std::move(interrupted);
+}
+
 tl::expected<void, DeviceError> ScannerDevice::home() {
   const std::string operation = "home";
   Impl& d = *impl_;
   if (auto ready = d.require(operation, {MotionState::unhomed, MotionState::standstill, MotionState::stopped}); !ready)
     return ready;
   if (auto sent = d.command(operation, protocol::kHome); !sent) return sent;
-  if (auto ended = d.wait_until(operation, kHomingLimit_ns, [&] { return !in_motion(d.last->status); }); !ended) {
-    make_safe();
-    ended.error().left = d.state_left();
-    return ended;
-  }
-  return d.require_standstill(operation);
+  return d.finish_motion(operation, kHomingLimit_ns);
 }
 
 tl::expected<DeviceStatus, DeviceError> ScannerDevice::rotate_to(double angle_rad, double speed_rad_per_s) {
@@ -367,12 +382,7 @@ tl::expected<DeviceStatus, DeviceError> ScannerDevice::rotate_to(double angle_ra
     return tl::unexpected(std::move(sent.error()));
   const double turn_s = std::abs(angle_rad - d.last->status.angle_rad) / speed_rad_per_s + d.stopping_s();
   const std::int64_t limit_ns = nanoseconds(1.5 * turn_s + 5);
-  if (auto ended = d.wait_until(operation, limit_ns, [&] { return !in_motion(d.last->status); }); !ended) {
-    make_safe();
-    ended.error().left = d.state_left();
-    return tl::unexpected(std::move(ended.error()));
-  }
-  if (auto standing = d.require_standstill(operation); !standing) return tl::unexpected(std::move(standing.error()));
+  if (auto ended = d.finish_motion(operation, limit_ns); !ended) return tl::unexpected(std::move(ended.error()));
   const double off_rad = d.last->status.angle_rad - angle_rad;
   if (std::abs(off_rad) > std::max(kOnTarget_rad, 4 * d.capabilities.encoder_resolution_rad))
     return tl::unexpected(d.error(Kind::fault, operation, "it stands " + degrees(off_rad) + " away from the target",

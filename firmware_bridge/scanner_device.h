@@ -3,6 +3,7 @@
 // what matters (PROTOCOL.md); illegal calls for the state are refused here before they reach it.
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -81,6 +82,10 @@ class ScannerDevice {
   /// Presses seen by polls since the last call: none is lost between polls or across reconnects. Presses from before
   /// open() do not count, those after a restart of the controller do.
   std::uint16_t take_button_presses();
+
+  /// Asked at every poll while home() and rotate_to() wait. Where it says true, they stop the motor, turn the lasers
+  /// off and return Kind::interrupted.
+  void set_interrupt(std::function<bool()> interrupted);
 
   /// Finds the index; returns at standstill. Polls while waiting.
   tl::expected<void, DeviceError> home();

@@ -1,6 +1,7 @@
 #pragma once
 // A turntable in closed form: every position is a formula of time, so the tests know the truth without stepping.
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <utility>
@@ -56,6 +57,7 @@ class TestPlant final : public Plant {
   std::uint16_t stuck_lasers = 0;  // emit whatever is commanded
   FaultCode input_fault = FaultCode::none, axis_fault = FaultCode::none;
   bool index_exists = true;
+  double drag = 1;       // moves take so many times longer than asked for
   double slip_udeg = 0;  // the table stands this far from where the motor thinks
 
   // What the tests look at.
@@ -106,7 +108,8 @@ class TestPlant final : public Plant {
     note_start();
     ++moves;
     const double now = static_cast<double>(now_us);
-    motion_ = Trapezoid::to_target(now, motion_.position(now), static_cast<double>(target_udeg), speed, acceleration);
+    motion_ =
+        Trapezoid::to_target(now, motion_.position(now), static_cast<double>(target_udeg), speed / drag, acceleration);
   }
   void stop(int, std::uint64_t now_us) override {
     ++stops;
