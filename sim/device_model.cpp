@@ -99,6 +99,7 @@ void DeviceModel::advance_to(std::int64_t time_ns) {
     for (const FaultOrder& order : faults_.due(now_ns_)) inject(order);
     if (now_ns_ >= next_tick_ns_) tick();
     camera_.advance(now_ns_);
+    render_frames();
   }
 }
 
@@ -250,36 +251,34 @@ MotionRecord DeviceModel::record(std::int64_t from_ns, std::int64_t to_ns) const
   return out;
 }
 
-std::optional<DeviceModel::RenderOrder> DeviceModel::next_render() {
-  // One tick later, so that the motion over the whole exposure is on record.
-  FrameTicket* ticket = camera_.take_to_render(next_tick_ns_ - kTick_ns);
-  if (ticket == nullptr) return std::nullopt;
-  const bool corrupt = faults_.strikes("corrupt-frame");
-  ticket->corrupt = corrupt;
-  if (faults_.strikes("short-frame")) ticket->bytes_used /= 2;
-  RenderOrder order{ticket->number, ticket->slot,    corrupt, faults_.strikes("stale-frame"), {},
-                    scene_.pose(),  camera_turn_rad_};
-  Exposure& e = order.exposure;
-  e.seed = config_.seed;
-  e.frame = ticket->number;
-  e.first_row_end_ns = ticket->first_row_end_ns;
-  e.exposure_ns = ticket->exposure_ns;
-  e.line_time_ns = config_.camera.line_time_ns();
-  e.motion = record(ticket->first_row_end_ns - ticket->exposure_ns, ticket->complete_ns);
-  e.ambient_factor = ambient_;
-  return order;
+void DeviceModel::render_frames() {
+  // Of frames read out before the last tick, so that the motion over the whole exposure is on record.
+  while (FrameTicket* ticket = camera_.take_to_render(next_tick_ns_ - kTick_ns)) {
+    ticket->corrupt = faults_.strikes("corrupt-frame");
+    if (faults_.strikes("short-frame")) ticket->bytes_used /= 2;
+    RenderOrder order;
+    order.number = ticket->number;
+    order.slot = ticket->slot;
+    order.corrupt = ticket->corrupt;
+    order.stale = faults_.strikes("stale-frame");
+    order.pose = scene_.pose();
+    order.camera_turn_rad = camera_turn_rad_;
+    Exposure& e = order.exposure;
+    e.seed = config_.seed;
+    e.frame = ticket->number;
+    e.first_row_end_ns = ticket->first_row_end_ns;
+    e.exposure_ns = ticket->exposure_ns;
+    e.line_time_ns = config_.camera.line_time_ns();
+    e.motion = record(ticket->first_row_end_ns - ticket->exposure_ns, ticket->complete_ns);
+    e.ambient_factor = ambient_;
+    if (!render_ || render_(order)) camera_.mark_rendered(order.number);
+  }
 }
 
-std::optional<FrameTicket> DeviceModel::advance_to_frame(std::int64_t until_ns,
-                                                         const std::function<void(const RenderOrder&)>& render) {
+std::optional<FrameTicket> DeviceModel::advance_to_frame(std::int64_t until_ns) {
   while (true) {
-    while (const auto order = next_render()) {
-      render(*order);
-      camera_.mark_rendered(order->number);
-    }
     if (auto ticket = camera_.take(now_ns_)) return ticket;
     if (now_ns_ >= until_ns || camera_unplugged()) return std::nullopt;
-    // At least to the next tick: a frame read out between ticks is rendered there.
     const std::int64_t event = next_event_ns();
     advance_to(std::min(until_ns, event > now_ns_ ? event : next_tick_ns_));
   }

@@ -6,7 +6,7 @@
 #include <functional>
 #include <optional>
 #include <string>
-#include <vector>
+#include <utility>
 
 #include <tl/expected.hpp>
 
@@ -78,10 +78,11 @@ class DeviceModel final : private Plant {
     ObjectPose pose;
     double camera_turn_rad = 0;  ///< the camera was nudged
   };
-  std::optional<RenderOrder> next_render();
-  /// Advances the clock until a frame has arrived or the time is over; frames are rendered by `render` on the way.
-  std::optional<FrameTicket> advance_to_frame(std::int64_t until_ns,
-                                              const std::function<void(const RenderOrder&)>& render);
+  /// Called from advance_to() for every frame that has been read out, in order. Returns true if the picture is done,
+  /// false if camera().mark_rendered() will be called later.
+  void set_render(std::function<bool(const RenderOrder&)> render) { render_ = std::move(render); }
+  /// Advances the clock until a frame has arrived, the time is over or the camera is gone.
+  std::optional<FrameTicket> advance_to_frame(std::int64_t until_ns);
 
   /// Pushes the button for that long, after presses under way. @returns the number of presses so far
   std::uint32_t press(std::int64_t held_ns);
@@ -115,6 +116,7 @@ class DeviceModel final : private Plant {
   void tick();
   bool button_down() const;
   std::uint64_t controller_us() const { return static_cast<std::uint64_t>(now_ns_ - boot_ns_) / 1000; }
+  void render_frames();
   MotionRecord record(std::int64_t from_ns, std::int64_t to_ns) const;
 
   DeviceConfig config_;
@@ -137,6 +139,7 @@ class DeviceModel final : private Plant {
   double ambient_ = 1;
   double camera_turn_rad_ = 0;
   bool disconnect_ = false;
+  std::function<bool(const RenderOrder&)> render_;
 };
 
 /// "2026-05-17T09:30:00Z" of a system time.

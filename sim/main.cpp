@@ -1,0 +1,355 @@
+// celadon-sim: serves a virtual scanner, and talks to one that runs.
+
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <cstring>
+#include <ctime>
+#include <fstream>
+#include <iostream>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <optional>
+
+#include "sim/picture_file.h"
+#include "sim/server.h"
+
+namespace celadon::sim {
+namespace {
+
+constexpr int kGood = 0, kNo = 1, kInput = 2, kDevice = 3, kSystem = 4;
+
+int fail(int code, const std::string& sentence) {
+  std::cerr << "celadon-sim: " << sentence << "\n";
+  return code;
+}
+
+/// Everything the command line says.
+struct Options {
+  std::string scene = "vase", format = "grey", shutter = "global", speed = "real", modbus_tcp = "127.0.0.1:0",
+              modbus_rtu, date;
+  std::uint64_t seed = 1;
+  int width = 1280, height = 1024;
+  double fps = 60, exposure_ms = 4, delay_ms = 8, sheet_offset_mm = 0.3, sheet_tilt_mrad = 2, sheet_sigma_mm = 0.25;
+  double line_levels = 150, speckle = 0.2, read_noise = 1.5, electrons = 40, ambient = 1, reflection = 0.1, glaze = 0;
+  double backlash_deg = 0;
+  bool locked = false;
+  std::string socket_dir;
+  std::vector<std::string> faults;
+};
+
+void add_machine_options(CLI::App& app, Options& o) {
+  app.add_option("--scene", o.scene, "object on the table")
+      ->check(CLI::IsMember(Scene::names()))
+      ->capture_default_str();
+  app.add_option("--seed", o.seed, "of every random number")->capture_default_str();
+  app.add_option("--width", o.width, "image width, px")->check(CLI::Range(64, 4096))->capture_default_str();
+  app.add_option("--height", o.height, "image height, px")->check(CLI::Range(64, 4096))->capture_default_str();
+  app.add_option("--format", o.format, "pixel format")->check(CLI::IsMember({"grey", "yuyv"}))->capture_default_str();
+  app.add_option("--shutter", o.shutter, "global: all rows at once; rolling: row after row")
+      ->check(CLI::IsMember({"global", "rolling"}))
+      ->capture_default_str();
+  app.add_option("--fps", o.fps, "frames a second")->check(CLI::Range(1.0, 1000.0))->capture_default_str();
+  app.add_option("--exposure", o.exposure_ms, "exposure at the start, ms")
+      ->check(CLI::Range(0.02, 900.0))
+      ->capture_default_str();
+  app.add_option("--frame-delay", o.delay_ms, "from read out to arrived, ms")
+      ->check(CLI::Range(0.0, 5000.0))
+      ->capture_default_str();
+  app.add_option("--sheet-offset", o.sheet_offset_mm, "laser sheet misses the axis by, mm")
+      ->check(CLI::Range(-20.0, 20.0))
+      ->capture_default_str();
+  app.add_option("--sheet-tilt", o.sheet_tilt_mrad, "laser sheet leans by, mrad")
+      ->check(CLI::Range(-200.0, 200.0))
+      ->capture_default_str();
+  app.add_option("--sheet-sigma", o.sheet_sigma_mm, "laser sheet's thickness, standard deviation, mm")
+      ->check(CLI::Range(0.01, 2.0))
+      ->capture_default_str();
+  app.add_option("--line-levels", o.line_levels, "brightness of the line, grey levels at 4 ms")
+      ->check(CLI::Range(0.0, 5000.0))
+      ->capture_default_str();
+  app.add_option("--speckle", o.speckle, "speckle contrast, 0: none")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_option("--read-noise", o.read_noise, "standard deviation, grey levels")
+      ->check(CLI::Range(0.0, 50.0))
+      ->capture_default_str();
+  app.add_option("--electrons", o.electrons, "electrons a grey level (shot noise)")
+      ->check(CLI::Range(0.1, 1e9))
+      ->capture_default_str();
+  app.add_option("--ambient", o.ambient, "room light, relative")->check(CLI::Range(0.0, 100.0))->capture_default_str();
+  app.add_option("--reflection", o.reflection, "stray second line, share of the line")
+      ->check(CLI::Range(0.0, 5.0))
+      ->capture_default_str();
+  app.add_option("--glaze", o.glaze, "gloss of the object, relative to its matt brightness")
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  app.add_option("--backlash", o.backlash_deg, "play of the drive, degrees")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  app.add_option("--date", o.date, "date of the true calibration, ISO 8601 in UTC (default: now)");
+}
+
+DeviceConfig device_of(const Options& o) {
+  CameraConfig camera;
+  camera.width_px = o.width - o.width % 2;
+  camera.height_px = o.height;
+  camera.format = o.format == "yuyv" ? PixelFormat::yuyv : PixelFormat::grey8;
+  camera.shutter = o.shutter == "rolling" ? Shutter::rolling : Shutter::global;
+  camera.period_ns = std::llround(1e9 / o.fps);
+  camera.readout_ns = camera.period_ns * 84 / 100;
+  camera.exposure_ns = std::min<std::int64_t>(std::llround(o.exposure_ms * 1e6), camera.period_ns - 100'000);
+  camera.delay_ns = std::llround(o.delay_ms * 1e6);
+  DeviceConfig device = default_device(camera, o.sheet_offset_mm, o.sheet_tilt_mrad * 1e-3);
+  device.scene = o.scene;
+  device.seed = o.seed;
+  device.date = o.date;
+  device.locked_at_start = o.locked;
+  device.turntable.backlash_rad = o.backlash_deg * std::numbers::pi / 180;
+  OpticsConfig& optics = device.optics;
+  optics.sheet.sigma_mm = o.sheet_sigma_mm;
+  optics.line_levels = o.line_levels;
+  optics.speckle_contrast = o.speckle;
+  optics.noise.read_levels = static_cast<float>(o.read_noise);
+  optics.noise.electrons_per_level = static_cast<float>(o.electrons);
+  optics.ambient_low *= o.ambient;
+  optics.ambient_high *= o.ambient;
+  optics.object_ambient *= o.ambient;
+  optics.reflection = o.reflection;
+  optics.glaze = o.glaze;
+  return device;
+}
+
+Server* running_server = nullptr;
+void on_signal(int /*number*/) {
+  if (running_server != nullptr) running_server->stop();
+}
+
+int serve(const Options& o) {
+  ServerOptions options;
+  options.device = device_of(o);
+  options.lock_step = o.speed == "max";
+  options.modbus_tcp = o.modbus_tcp == "none" ? "" : o.modbus_tcp;
+  options.modbus_rtu = !o.modbus_rtu.empty();
+  options.modbus_rtu_link = o.modbus_rtu == "auto" ? "" : o.modbus_rtu;
+  options.socket_dir = o.socket_dir;
+  options.faults = o.faults;
+  for (const std::string& text : o.faults) {
+    if (const auto order = parse_fault_option(text, 0); !order) return fail(kInput, order.error());
+  }
+  auto server = Server::open(options);
+  if (!server) return fail(kSystem, server.error());
+  running_server = server->get();
+  struct sigaction action {};
+  action.sa_handler = on_signal;
+  sigaction(SIGTERM, &action, nullptr);
+  sigaction(SIGINT, &action, nullptr);
+  std::cout << (*server)->ready_line() << std::endl;
+  (*server)->run();
+  running_server = nullptr;
+  return kGood;
+}
+
+/// One question to a running virtual scanner. @returns the answer or nothing after telling why
+std::optional<nlohmann::json> ask(const Options& o, const std::string& line, int& code) {
+  if (o.socket_dir.empty()) {
+    code = fail(kInput, "give the folder of the running virtual scanner with --socket-dir");
+    return std::nullopt;
+  }
+  const std::string path = (std::filesystem::path(o.socket_dir) / "control.sock").string();
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  const FileDescriptor fd(socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0));
+  if (path.size() < sizeof address.sun_path) std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
+  if (!fd || path.size() >= sizeof address.sun_path ||
+      connect(fd.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+    code = fail(kDevice, "no virtual scanner answers at " + path + " (" + std::strerror(errno) +
+                             "); start one with celadon-sim --socket-dir " + o.socket_dir);
+    return std::nullopt;
+  }
+  const std::string request = line + "\n";
+  std::string answer;
+  if (send(fd.get(), request.data(), request.size(), MSG_NOSIGNAL) == static_cast<ssize_t>(request.size())) {
+    char bytes[4096];
+    pollfd p{fd.get(), POLLIN, 0};
+    while (answer.find('\n') == std::string::npos && poll(&p, 1, 10'000) > 0) {
+      const ssize_t n = recv(fd.get(), bytes, sizeof bytes, 0);
+      if (n <= 0) break;
+      answer.append(bytes, static_cast<std::size_t>(n));
+    }
+  }
+  nlohmann::json parsed = nlohmann::json::parse(answer, nullptr, false);
+  if (!parsed.is_object()) {
+    code = fail(kDevice, "the virtual scanner at " + path + " gave no answer; look whether it still runs");
+    return std::nullopt;
+  }
+  if (!parsed.value("ok", false)) {
+    code = fail(kInput, parsed.value("error", "the virtual scanner refused"));
+    return std::nullopt;
+  }
+  code = kGood;
+  return parsed;
+}
+
+int ask_and_print(const Options& o, const std::string& line) {
+  int code = kGood;
+  if (const auto answer = ask(o, line, code)) std::cout << answer->dump() << "\n";
+  return code;
+}
+
+/// The true calibration, of the running scanner if a folder is given, else of the one that these options would make.
+int write_calibration(const Options& o, const std::string& file) {
+  std::string text;
+  if (!o.socket_dir.empty()) {
+    int code = kGood;
+    const auto answer = ask(o, "calibration", code);
+    if (!answer) return code;
+    text = answer->value("calibration", "");
+  } else {
+    text = format_calibration(DeviceModel(device_of(o)).calibration());
+  }
+  if (file == "-") {
+    std::cout << text;
+    return kGood;
+  }
+  // Beside the target first: there is never half a calibration under its name.
+  const std::string part = file + ".part";
+  std::ofstream out(part, std::ios::binary | std::ios::trunc);
+  out << text;
+  out.close();
+  std::error_code error;
+  if (out) std::filesystem::rename(part, file, error);
+  if (!out || error) {
+    std::filesystem::remove(part, error);
+    return fail(kSystem, "writing " + file + " failed: " + std::strerror(errno));
+  }
+  return kGood;
+}
+
+int print_truth(const Options& o, double angle_deg, double z_mm) {
+  const double theta = angle_deg * std::numbers::pi / 180;
+  double r = 0;
+  if (!o.socket_dir.empty()) {
+    std::array<char, 80> line{};
+    std::snprintf(line.data(), line.size(), "truth %.17g %.17g", theta, z_mm);
+    int code = kGood;
+    const auto answer = ask(o, line.data(), code);
+    if (!answer) return code;
+    r = answer->value("r_mm", 0.0);
+  } else {
+    r = Scene::make(o.scene)->truth_r_mm(theta, z_mm);
+    if (std::isnan(r)) return fail(kNo, "scene " + o.scene + " has no surface at that height");
+  }
+  std::printf("%.12g\n", r);
+  return kGood;
+}
+
+int write_frame(const Options& o, double angle_deg, double speed_deg_per_s, bool laser, const std::string& file) {
+  const DeviceConfig device = device_of(o);
+  const double angle = angle_deg * std::numbers::pi / 180, speed = speed_deg_per_s * std::numbers::pi / 180;
+  Renderer renderer(*Scene::make(o.scene), device.optics);
+  Exposure e;
+  e.seed = o.seed;
+  e.exposure_ns = device.camera.exposure_ns;
+  e.line_time_ns = device.camera.line_time_ns();
+  // The angle asked for is that of the middle of the picture.
+  const std::int64_t middle = e.exposure_ns / 2 - e.line_time_ns * device.camera.height_px / 2;
+  for (std::int64_t ms = -1000; ms <= 1000; ++ms) {
+    e.motion.samples.push_back(
+        {angle + speed * 1e-9 * static_cast<double>(ms * 1'000'000 + middle), speed, laser ? 1.0 : 0.0});
+  }
+  e.motion.first_ns = -1'000'000'000;
+  std::vector<std::uint8_t> bytes(device.camera.frame_bytes());
+  renderer.render(e, bytes, device.camera.stride_bytes());
+  const auto done = write_picture(file, device.camera.width_px, device.camera.height_px, device.camera.format, bytes);
+  return done ? kGood : fail(kSystem, done.error());
+}
+
+int run(int argc, char** argv) {
+  Options o;
+  CLI::App app("Virtual turntable laser-line scanner: serves Modbus, frames and a control socket until it is stopped.",
+               "celadon-sim");
+  app.fallthrough();
+  app.require_subcommand(0, 1);
+  add_machine_options(app, o);
+  app.add_option("--socket-dir", o.socket_dir,
+                 "folder of frames.sock and control.sock; of the running scanner for subcommands");
+  app.add_option("--modbus-tcp", o.modbus_tcp, "listen on HOST:PORT (port 0: a free one) or none")
+      ->capture_default_str();
+  app.add_option("--modbus-rtu", o.modbus_rtu,
+                 "serve Modbus RTU on a pseudo terminal: a path for a link to it, or auto");
+  app.add_option("--speed", o.speed, "real: real time; max: lock-step, time moves by declared waits")
+      ->check(CLI::IsMember({"real", "max"}))
+      ->capture_default_str();
+  app.add_option("--fault", o.faults,
+                 "NAME[,ARGUMENT][@SECONDS]: inject a fault, at once or at that time; may be repeated");
+  app.add_flag("--locked", o.locked, "after power-on the button must be pressed before anything moves or shines");
+
+  double press_ms = 100;
+  auto* press = app.add_subcommand("press", "push the button of the running scanner");
+  press->add_option("--hold", press_ms, "held for, ms")->capture_default_str();
+  std::vector<std::string> fault_words;
+  auto* fault = app.add_subcommand("fault", "inject a fault into the running scanner; \"list\" names them");
+  fault->add_option("fault", fault_words, "NAME [ARGUMENT]")->required()->expected(1, 2);
+  std::string cleared;
+  auto* clear = app.add_subcommand("clear", "take a fault back");
+  clear->add_option("name", cleared, "its name")->required();
+  auto* state = app.add_subcommand("state", "how the running scanner really is");
+  std::string calibration_file;
+  double truth_angle = 0, truth_z = 0;
+  auto* truth = app.add_subcommand("truth", "the true calibration, or the object's true radius in the scanner frame");
+  auto* truth_file =
+      truth->add_option("--calibration", calibration_file, "write the true parameters to this file (-: print them)");
+  auto* truth_at = truth->add_option("--angle", truth_angle, "angle, degrees");
+  truth->add_option("--z", truth_z, "height, mm")->needs(truth_at);
+  truth_file->excludes(truth_at);
+  auto* calibration = app.add_subcommand("calibration", "print the true calibration");
+  double frame_angle = 0, frame_speed = 0;
+  std::string frame_file;
+  bool frame_dark = false;
+  auto* frame = app.add_subcommand("frame", "render one picture to a file (.png or .pgm; YUYV: its luma)");
+  frame->add_option("--angle", frame_angle, "table angle, degrees")->capture_default_str();
+  frame->add_option("--turning", frame_speed, "table speed, degrees a second")->capture_default_str();
+  frame->add_flag("--laser-off", frame_dark, "without the laser");
+  frame->add_option("-o,--output", frame_file, "file to write")->required();
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::CallForHelp& e) {
+    app.exit(e);
+    return kGood;
+  } catch (const CLI::ParseError& e) {
+    return fail(kInput, std::string(e.what()) + "; see celadon-sim --help");
+  }
+  if (press->parsed()) return ask_and_print(o, "press " + std::to_string(std::llround(press_ms)));
+  if (fault->parsed())
+    return ask_and_print(o, "fault " + fault_words[0] + (fault_words.size() > 1 ? " " + fault_words[1] : ""));
+  if (clear->parsed()) return ask_and_print(o, "clear " + cleared);
+  if (state->parsed()) return ask_and_print(o, "state");
+  if (calibration->parsed()) return write_calibration(o, "-");
+  if (truth->parsed()) {
+    if (!calibration_file.empty()) return write_calibration(o, calibration_file);
+    if (truth_at->count() == 0) return fail(kInput, "truth needs --calibration FILE or --angle DEG --z MM");
+    return print_truth(o, truth_angle, truth_z);
+  }
+  if (frame->parsed()) return write_frame(o, frame_angle, frame_speed, !frame_dark, frame_file);
+  if (o.modbus_tcp == "none" && o.modbus_rtu.empty() && o.socket_dir.empty()) {
+    return fail(kInput, "there is nothing to serve; give --socket-dir, --modbus-tcp or --modbus-rtu");
+  }
+  return serve(o);
+}
+
+}  // namespace
+}  // namespace celadon::sim
+
+int main(int argc, char** argv) {
+  try {
+    return celadon::sim::run(argc, argv);
+  } catch (const std::exception& e) {
+    std::cerr << "celadon-sim: " << e.what() << "\n";
+    return 4;
+  }
+}

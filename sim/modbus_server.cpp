@@ -1,0 +1,205 @@
+#include "sim/modbus_server.h"
+
+#include <fcntl.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <termios.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cstdlib>
+#include <cstring>
+
+namespace celadon::sim {
+namespace {
+
+constexpr std::size_t kMaxClients = 8;
+constexpr std::uint8_t kRtuUnit = 1;
+constexpr std::int64_t kTcpTransfer_ns = 250'000;               // one way
+constexpr std::int64_t kRtuByte_ns = 11'000'000'000 / 115'200;  // start, 8 bits, parity, stop
+constexpr std::int64_t kRtuPause_ns = 4 * kRtuByte_ns;          // before an answer
+constexpr std::int64_t kRtuSilence_ns = 100'000'000;            // real time: what was begun is abandoned
+
+std::string system_text(const std::string& what) {
+  return what + " failed: " + std::strerror(errno);
+}
+
+std::int64_t transfer_ns(ModbusFraming framing, std::size_t bytes) {
+  return framing == ModbusFraming::tcp ? kTcpTransfer_ns
+                                       : kRtuPause_ns + static_cast<std::int64_t>(bytes) * kRtuByte_ns;
+}
+
+}  // namespace
+
+ModbusServer::~ModbusServer() {
+  if (!link_path_.empty()) {
+    std::error_code ignored;
+    std::filesystem::remove(link_path_, ignored);
+  }
+}
+
+tl::expected<std::string, std::string> ModbusServer::listen_tcp(const std::string& host_and_port) {
+  const auto colon = host_and_port.rfind(':');
+  int port = -1;
+  if (colon != std::string::npos) {
+    const char *first = host_and_port.data() + colon + 1, *last = host_and_port.data() + host_and_port.size();
+    const auto [end, error] = std::from_chars(first, last, port);
+    if (error != std::errc() || end != last) port = -1;
+  }
+  std::string host = colon == std::string::npos ? "" : host_and_port.substr(0, colon);
+  if (host.size() >= 2 && host.front() == '[' && host.back() == ']') host = host.substr(1, host.size() - 2);
+  if (host.empty() || port < 0 || port > 65535) {
+    return tl::unexpected("Modbus address \"" + host_and_port +
+                          "\" is not HOST:PORT with a port from 0 to 65535, e.g. 127.0.0.1:0");
+  }
+  addrinfo hints{};
+  hints.ai_socktype = SOCK_STREAM;
+  hints.ai_flags = AI_PASSIVE | AI_NUMERICSERV;
+  addrinfo* found = nullptr;
+  if (const int e = getaddrinfo(host.c_str(), std::to_string(port).c_str(), &hints, &found); e != 0) {
+    return tl::unexpected("Modbus host \"" + host + "\" is unknown: " + gai_strerror(e));
+  }
+  const std::unique_ptr<addrinfo, void (*)(addrinfo*)> addresses(found, freeaddrinfo);
+  FileDescriptor fd(socket(found->ai_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0));
+  const int on = 1;
+  if (fd) setsockopt(fd.get(), SOL_SOCKET, SO_REUSEADDR, &on, sizeof on);
+  if (!fd || bind(fd.get(), found->ai_addr, found->ai_addrlen) != 0 || listen(fd.get(), 16) != 0) {
+    return tl::unexpected(system_text("listening for Modbus on " + host_and_port));
+  }
+  sockaddr_storage bound{};
+  socklen_t size = sizeof bound;
+  getsockname(fd.get(), reinterpret_cast<sockaddr*>(&bound), &size);
+  const std::uint16_t bound_port =
+      ntohs(bound.ss_family == AF_INET6 ? reinterpret_cast<sockaddr_in6*>(&bound)->sin6_port
+                                        : reinterpret_cast<sockaddr_in*>(&bound)->sin_port);
+  listener_ = std::move(fd);
+  const bool v6 = host.find(':') != std::string::npos;
+  return "modbus-tcp://" + (v6 ? "[" + host + "]" : host) + ":" + std::to_string(bound_port);
+}
+
+tl::expected<std::string, std::string> ModbusServer::open_rtu(const std::filesystem::path& link) {
+  FileDescriptor master(posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC));
+  std::array<char, 128> name{};
+  if (!master || grantpt(master.get()) != 0 || unlockpt(master.get()) != 0 ||
+      ptsname_r(master.get(), name.data(), name.size()) != 0) {
+    return tl::unexpected(system_text("opening a pseudo terminal"));
+  }
+  terminal_.reset(open(name.data(), O_RDWR | O_NOCTTY | O_CLOEXEC));
+  termios mode{};
+  if (!terminal_ || tcgetattr(terminal_.get(), &mode) != 0)
+    return tl::unexpected(system_text(std::string("opening ") + name.data()));
+  cfmakeraw(&mode);
+  tcsetattr(terminal_.get(), TCSANOW, &mode);
+  std::string path = name.data();
+  if (!link.empty()) {
+    std::error_code error;
+    if (std::filesystem::is_symlink(link, error)) std::filesystem::remove(link, error);
+    std::filesystem::create_symlink(path, link, error);
+    if (error) return tl::unexpected("making the link " + link.string() + " failed: " + error.message());
+    link_path_ = link;
+    path = std::filesystem::absolute(link).string();
+  }
+  links_.push_back(std::make_unique<Link>(
+      Link{std::move(master), ModbusFraming::rtu, ModbusReader(ModbusFraming::rtu), {}, 0, false}));
+  return "modbus-rtu:" + path;
+}
+
+protocol::Exception ModbusServer::read_input(std::uint16_t address, std::uint16_t count, std::uint16_t* words) {
+  return model_.read_input(address, count, words);
+}
+protocol::Exception ModbusServer::read_holding(std::uint16_t address, std::uint16_t count, std::uint16_t* words) {
+  return model_.read_holding(address, count, words);
+}
+protocol::Exception ModbusServer::write_holding(std::uint16_t address, std::uint16_t count,
+                                                const std::uint16_t* words) {
+  return model_.write_holding(address, count, words);
+}
+
+void ModbusServer::collect(std::vector<pollfd>& polls) {
+  if (listener_) polls.push_back({listener_.get(), POLLIN, 0});
+  for (const auto& link : links_) polls.push_back({link->fd.get(), POLLIN, 0});
+}
+
+void ModbusServer::serve(const pollfd* polls, std::size_t count) {
+  if (model_.take_disconnect()) {
+    for (const auto& link : links_) link->closed = link->framing == ModbusFraming::tcp;
+  }
+  std::size_t at = listener_ ? 1 : 0;
+  const bool arrived = at == 1 && count > 0 && (polls[0].revents & POLLIN) != 0;
+  for (std::size_t i = 0; i < links_.size() && at < count; ++i, ++at) {
+    if (polls[at].revents != 0 && !links_[i]->closed) receive(*links_[i]);
+  }
+  for (const auto& link : links_) send_due(*link);
+  std::erase_if(links_, [](const auto& link) { return link->closed; });
+  if (arrived) accept_client();
+}
+
+void ModbusServer::accept_client() {
+  FileDescriptor fd(accept4(listener_.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
+  if (!fd || links_.size() >= kMaxClients) return;  // closed at once: the client sees it
+  const int on = 1;
+  setsockopt(fd.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+  links_.push_back(
+      std::make_unique<Link>(Link{std::move(fd), ModbusFraming::tcp, ModbusReader(ModbusFraming::tcp), {}, 0, false}));
+}
+
+void ModbusServer::receive(Link& link) {
+  std::array<std::uint8_t, 1024> bytes{};
+  const ssize_t n = read(link.fd.get(), bytes.data(), bytes.size());
+  if (n <= 0) {
+    const bool later =
+        n < 0 && (errno == EAGAIN || errno == EINTR || (errno == EIO && link.framing == ModbusFraming::rtu));
+    link.closed = !later;
+    return;
+  }
+  const std::int64_t now = monotonic_ns();
+  if (link.framing == ModbusFraming::rtu && now - link.last_byte_ns > kRtuSilence_ns) link.reader.pause();
+  link.last_byte_ns = now;
+  link.reader.append({bytes.data(), static_cast<std::size_t>(n)});
+  while (const auto request = link.reader.next()) answer(link, *request);
+  if (link.reader.broken()) link.closed = true;
+}
+
+void ModbusServer::answer(Link& link, const ModbusRequest& request) {
+  const bool broadcast = link.framing == ModbusFraming::rtu && request.unit == 0;
+  if (link.framing == ModbusFraming::rtu && request.unit != kRtuUnit && !broadcast) return;
+  pacer_.spend(transfer_ns(link.framing, request.pdu.size() + 3));
+  FaultPlan& faults = model_.faults();
+  const std::vector<std::uint8_t> pdu =
+      faults.armed("modbus-exception")
+          ? modbus_exception(request.pdu, static_cast<std::uint8_t>(faults.value("modbus-exception")))
+          : answer_modbus(request.pdu, *this);
+  std::vector<std::uint8_t> bytes = frame_modbus(link.framing, request, pdu);
+  pacer_.spend(transfer_ns(link.framing, bytes.size()));
+  if (broadcast || faults.strikes("modbus-silent")) return;
+  if (faults.strikes("modbus-corrupt")) (link.framing == ModbusFraming::rtu ? bytes.back() : bytes[1]) ^= 0x55;
+  std::int64_t due = model_.now_ns();
+  if (faults.armed("modbus-late")) {
+    const auto late = static_cast<std::int64_t>(faults.value("modbus-late") * 1e6);
+    if (pacer_.holds()) {
+      pacer_.spend(late);
+    } else {
+      due += late;
+    }
+  }
+  link.answers.push_back({due, std::move(bytes)});
+}
+
+void ModbusServer::send_due(Link& link) {
+  while (!link.closed && !link.answers.empty() && (pacer_.holds() || link.answers.front().due_ns <= model_.now_ns())) {
+    const std::vector<std::uint8_t>& bytes = link.answers.front().bytes;
+    const ssize_t n = link.framing == ModbusFraming::tcp
+                          ? send(link.fd.get(), bytes.data(), bytes.size(), MSG_NOSIGNAL | MSG_DONTWAIT)
+                          : write(link.fd.get(), bytes.data(), bytes.size());
+    // A client that does not read its answers loses its connection; a terminal loses the answer.
+    if (n != static_cast<ssize_t>(bytes.size()) && link.framing == ModbusFraming::tcp) link.closed = true;
+    link.answers.erase(link.answers.begin());
+  }
+}
+
+}  // namespace celadon::sim
