@@ -184,12 +184,15 @@ tl::expected<void, CameraError> V4l2Source::configure(const Address& address) {
   if (!fourcc) return tl::unexpected(fourcc.error());
   if (auto set = set_format(address, *fourcc); !set) return set;
 
+  // A rate that another program left behind would stay; drivers take the nearest they have, which is the fastest.
   v4l2_streamparm parameters{};
   parameters.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  if (v4l2_ioctl(file_.get(), VIDIOC_G_PARM, &parameters) == 0) {
-    const v4l2_fract& period = parameters.parm.capture.timeperframe;
-    if (period.denominator != 0)
-      mode_.frame_period_ns = std::int64_t{1'000'000'000} * period.numerator / period.denominator;
+  v4l2_fract& period = parameters.parm.capture.timeperframe;
+  period = {.numerator = 1, .denominator = 1000};
+  const bool told = v4l2_ioctl(file_.get(), VIDIOC_S_PARM, &parameters) == 0 ||
+                    v4l2_ioctl(file_.get(), VIDIOC_G_PARM, &parameters) == 0;
+  if (told && period.denominator != 0) {
+    mode_.frame_period_ns = std::int64_t{1'000'000'000} * period.numerator / period.denominator;
   }
   // V4L2 does not tell the shutter; cameras with an unknown one mostly roll, and the calibration has the line time.
   mode_.shutter = Shutter::rolling;
