@@ -220,6 +220,10 @@ void MomentGrid::merge(const MomentGrid& other) {
   rejected_outside_ += other.rejected_outside_;
 }
 
+void MomentGrid::scale(double factor) {
+  for (double& sum : cells_) sum *= factor;
+}
+
 namespace {
 template <class Entry>
 double sum_over_cells(const MomentGrid& grid, const Entry& entry) {

@@ -52,6 +52,9 @@ class MomentGrid {
   /// Sums of another grid with the same specification and rule. @throws std::invalid_argument naming what differs
   void merge(const MomentGrid& other);
 
+  /// All weights times a factor.
+  void scale(double factor);
+
   std::size_t samples() const { return samples_; }
   std::size_t rejected() const { return rejected_on_axis_ + rejected_not_finite_ + rejected_outside_; }
   std::size_t rejected_on_axis() const { return rejected_on_axis_; }        ///< r <= 0

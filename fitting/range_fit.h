@@ -23,32 +23,34 @@ const char* to_string(SurfaceModel model);  ///< "auto", "cylinder", "revolution
 
 struct RangeFitOptions {
   SurfaceModel model = SurfaceModel::automatic;
-  int degree_u = 3, degree_v = 3;              ///< of F, 1..5, for the directions that are not constant
-  double tolerance_mm = 0;                     ///< refine until the 95th percentile is below it; 0: until Cp stops falling
-  std::optional<double> form_tolerance_mm;     ///< delta of the model selection; default systematic_mm, else 1e-9 x size
-  double systematic_mm = 0;                    ///< systematic uncertainty of the calibration
+  int degree_u = 3, degree_v = 3;           ///< of F, 1..5, for the directions that are not constant
+  double tolerance_mm = 0;                  ///< refine until the 95th percentile is below it; 0: until Cp stops falling
+  std::optional<double> form_tolerance_mm;  ///< delta of the model selection; default systematic_mm, else 1e-9 x size
+  double systematic_mm = 0;                 ///< systematic uncertainty of the calibration
   JointContinuity continuity = JointContinuity::curvature;
   /// Fixed numbers of intervals instead of the data's choice (both or neither).
   std::optional<int> z_intervals, intervals_per_arc;
-  bool robust = true;                          ///< Tukey weights by the median absolute deviation
-  bool smoothing = true;                       ///< bending energy by Mallows' Cp
+  bool robust = true;     ///< Tukey weights by the median absolute deviation
+  bool smoothing = true;  ///< bending energy by Mallows' Cp
 };
 
-struct ErrorSummary { double rms = 0, p95 = 0, max = 0; };
+struct ErrorSummary {
+  double rms = 0, p95 = 0, max = 0;
+};
 
 struct RangeFitReport {
   std::size_t points = 0, rejected = 0, unfollowable = 0;
   SurfaceModel model = SurfaceModel::general;
-  int degree_u = 3, degree_v = 3;              ///< of the exported surface
+  int degree_u = 3, degree_v = 3;  ///< of the exported surface
   int control_points_u = 0, control_points_v = 0;
   double noise_mm = 0, kappa = 1;
-  ErrorSummary residual_mm, geometric_mm;      ///< e_p along the ray, e_g = e_p cos(psi)
-  double coverage = 0;                         ///< share of the clipped band's area with samples, 0..1
-  std::string decided_by;                      ///< which test chose the model; both decisions
-  std::string stopped_by;                      ///< what ended the refinement
-  double z_start_mm = 0, z_end_mm = 0;         ///< band of the surface
-  double cut_below_mm = 0, cut_above_mm = 0;   ///< measured but cut at the rims
-  std::vector<std::string> warnings;           ///< what an operator should know, one sentence each
+  ErrorSummary residual_mm, geometric_mm;     ///< e_p along the ray, e_g = e_p cos(psi)
+  double coverage = 0;                        ///< share of the clipped band's area with samples, 0..1
+  std::string decided_by;                     ///< which test chose the model; both decisions
+  std::string stopped_by;                     ///< what ended the refinement
+  double z_start_mm = 0, z_end_mm = 0;        ///< band of the surface
+  double cut_below_mm = 0, cut_above_mm = 0;  ///< measured but cut at the rims
+  std::vector<std::string> warnings;          ///< what an operator should know, one sentence each
 };
 
 struct RangeFit {
@@ -58,7 +60,9 @@ struct RangeFit {
 };
 
 /// Why no surface could be fitted: a value and a remedy in one sentence.
-struct FitError { std::string message; };
+struct FitError {
+  std::string message;
+};
 
 /// The best grid for a stream: one pass for its band, then the finest dyadic ladder the samples carry.
 tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, const RangeFitOptions& options);

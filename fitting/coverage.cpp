@@ -1,0 +1,159 @@
+#include "fitting/coverage.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace celadon {
+namespace {
+
+// z cells are judged in groups large enough to hold samples of an even scan in every sector.
+constexpr double kSamplesPerBin = 16;
+// A bin with less than this share of the usual count holds stray samples, not the object.
+constexpr double kStrayShare = 0.05;
+
+int sector_count(const MomentGrid& sums) {
+  return std::min(SectorExtents::kSectors, sums.v_cells());
+}
+
+}  // namespace
+
+SectorExtents::SectorExtents(const MomentGrid& sums)
+    : z_start_(sums.specification().z_start_mm),
+      z_scale_(sums.z_cells() / (sums.specification().z_end_mm - sums.specification().z_start_mm)),
+      v_scale_(static_cast<double>(sector_count(sums)) / sums.arcs().count()),
+      z_cells_(sums.z_cells()),
+      lowest_(static_cast<std::size_t>(z_cells_ * kSectors), std::numeric_limits<double>::infinity()),
+      highest_(lowest_.size(), -std::numeric_limits<double>::infinity()) {}
+
+void SectorExtents::add(double v, double z_mm) {
+  const int row = std::clamp(static_cast<int>((z_mm - z_start_) * z_scale_), 0, z_cells_ - 1);
+  const int sector = std::clamp(static_cast<int>(v * v_scale_), 0, kSectors - 1);
+  const std::size_t at = index(row, sector);
+  lowest_[at] = std::min(lowest_[at], z_mm);
+  highest_[at] = std::max(highest_[at], z_mm);
+}
+
+CoveredBand find_covered_band(const MomentGrid& sums, const SectorExtents* extents) {
+  CoveredBand band;
+  const int nz = sums.z_cells(), sectors = sector_count(sums), per_sector = sums.v_cells() / sectors;
+  band.sectors = sectors;
+  const MomentLayout& layout = sums.layout();
+  // Weight and first moment along z of each (row, sector).
+  Eigen::MatrixXd count = Eigen::MatrixXd::Zero(nz, sectors), first = count;
+  int used_rows = 0;
+  for (int i = 0; i < nz; ++i) {
+    for (int j = 0; j < sums.v_cells(); ++j) {
+      count(i, j / per_sector) += sums.cell(i, j)[layout.weight(0, 0)];
+      first(i, j / per_sector) += sums.cell(i, j)[layout.weight(1, 0)];
+    }
+    used_rows += count.row(i).sum() > 0;
+  }
+  const double total = count.sum();
+  if (!(total > 0)) return band;
+
+  int group = 1;
+  while (group < nz && total / (static_cast<double>(used_rows) / group * sectors) < kSamplesPerBin) group *= 2;
+  const int rows = nz / group;
+  Eigen::MatrixXd bins = Eigen::MatrixXd::Zero(rows, sectors);
+  for (int i = 0; i < nz; ++i) bins.row(i / group) += count.row(i);
+  std::vector<double> filled;
+  for (Eigen::Index k = 0; k < bins.size(); ++k)
+    if (bins.data()[k] > 0) filled.push_back(bins.data()[k]);
+  std::nth_element(filled.begin(), filled.begin() + static_cast<std::ptrdiff_t>(filled.size() / 2), filled.end());
+  const double usual = filled[filled.size() / 2], needed = kStrayShare * usual;
+  const auto covered = [&](int row, int sector) { return bins(row, sector) > 0 && bins(row, sector) >= needed; };
+
+  int occupied = 0;
+  for (int row = 0; row < rows; ++row) {
+    bool any = false;
+    for (int s = 0; s < sectors; ++s) any = any || covered(row, s);
+    occupied += any;
+  }
+  std::vector<bool> active(static_cast<std::size_t>(sectors));
+  for (int s = 0; s < sectors; ++s) {
+    int covered_rows = 0;
+    for (int row = 0; row < rows; ++row) covered_rows += covered(row, s);
+    active[static_cast<std::size_t>(s)] = 2 * covered_rows >= occupied && covered_rows > 0;
+    band.sectors_with_samples += active[static_cast<std::size_t>(s)];
+  }
+  int lo = rows, hi = -1;
+  for (int row = 0; row < rows; ++row) {
+    bool all = band.sectors_with_samples > 0;
+    for (int s = 0; s < sectors; ++s) all = all && (!active[static_cast<std::size_t>(s)] || covered(row, s));
+    if (!all) continue;
+    lo = std::min(lo, row);
+    hi = std::max(hi, row);
+  }
+  band.lowest_mm = std::numeric_limits<double>::infinity();
+  band.highest_mm = -band.lowest_mm;
+  const auto cell_extent = [&](int i, int s, double& low, double& high) {
+    if (extents) {
+      low = extents->lowest(i, s), high = extents->highest(i, s);
+      return;
+    }
+    // Samples spread evenly from the rim to the far edge of its cell have their mean half-way.
+    const double bottom = sums.z_edge_mm(i), top = sums.z_edge_mm(i + 1), half = (top - bottom) / 2;
+    const double mean = (bottom + top) / 2 + half * first(i, s) / count(i, s);
+    low = std::clamp(2 * mean - top, bottom, top);
+    high = std::clamp(2 * mean - bottom, bottom, top);
+  };
+  for (int i = 0; i < nz; ++i)
+    for (int s = 0; s < sectors; ++s) {
+      if (!covered(i / group, s) || count(i, s) == 0) continue;
+      double low = 0, high = 0;
+      cell_extent(i, s, low, high);
+      band.lowest_mm = std::min(band.lowest_mm, low);
+      band.highest_mm = std::max(band.highest_mm, high);
+    }
+  if (lo > hi) return band;
+
+  band.z_start_mm = -std::numeric_limits<double>::infinity();
+  band.z_end_mm = std::numeric_limits<double>::infinity();
+  for (int s = 0; s < sectors; ++s) {
+    if (!active[static_cast<std::size_t>(s)]) continue;
+    int i = lo * group, k = (hi + 1) * group - 1;
+    while (count(i, s) == 0) ++i;
+    while (count(k, s) == 0) --k;
+    double low = 0, high = 0, unused = 0;
+    cell_extent(i, s, low, unused);
+    cell_extent(k, s, unused, high);
+    band.z_start_mm = std::max(band.z_start_mm, low);
+    band.z_end_mm = std::min(band.z_end_mm, high);
+  }
+  if (!(band.z_start_mm < band.z_end_mm)) return band;
+  const auto& spec = sums.specification();
+  const double scale = nz / (spec.z_end_mm - spec.z_start_mm);
+  const int a = std::clamp(static_cast<int>((band.z_start_mm - spec.z_start_mm) * scale), 0, nz - 1);
+  const int b = std::clamp(static_cast<int>(std::ceil((band.z_end_mm - spec.z_start_mm) * scale)), a + 1, nz);
+  band.cells = {a, b};
+  return band;
+}
+
+double covered_share(const MomentGrid& sums, const CoveredBand& band) {
+  const int nz = band.cells.last - band.cells.first, nv = sums.v_cells();
+  double total = 0;
+  for (int j = 0; j < nv; ++j)
+    for (int i = band.cells.first; i < band.cells.last; ++i) total += sums.cell_weight(i, j);
+  int du = 1, dv = 1;
+  while (total < 10.0 * nz * nv / (du * dv) && (du < nz || dv < nv)) {
+    if ((dv <= du && dv < nv) || du >= nz) {
+      dv *= 2;
+    } else {
+      du *= 2;
+    }
+  }
+  double covered = 0, all = 0;
+  for (int j = 0; j < nv; j += dv)
+    for (int i = band.cells.first; i < band.cells.last; i += du) {
+      const int last = std::min(i + du, band.cells.last);
+      double weight = 0;
+      for (int jj = j; jj < j + dv; ++jj)
+        for (int ii = i; ii < last; ++ii) weight += sums.cell_weight(ii, jj);
+      all += last - i;
+      covered += weight > 0 ? last - i : 0;
+    }
+  return all > 0 ? covered / all : 0;
+}
+
+}  // namespace celadon

@@ -1,0 +1,41 @@
+#include "fitting/fit_ladder.h"
+
+#include <bit>
+
+namespace celadon {
+
+FitLadder::FitLadder(const MomentGrid& sums, CellBand band, int degree_u, int degree_v, JointContinuity continuity)
+    : sums_(sums), band_(band), degree_u_(degree_u), degree_v_(degree_v), continuity_(continuity) {
+  while ((1 << levels_u_) <= band.last - band.first) ++levels_u_;
+  levels_v_ = std::countr_zero(static_cast<unsigned>(sums.specification().intervals_per_arc)) + 1;
+}
+
+// The ends of the band, and the level's uniform edges between them that are at least half an interval away from both:
+// no interval at a rim is shorter than half of the others, and dropping edges keeps the levels nested.
+std::vector<int> FitLadder::edges(int level_u) const {
+  const int step = 1 << level_u;
+  std::vector<int> result{band_.first};
+  for (int edge = (band_.first / step + 1) * step; edge < band_.last; edge += step)
+    if (2 * (edge - band_.first) >= step && 2 * (band_.last - edge) >= step) result.push_back(edge);
+  result.push_back(band_.last);
+  return result;
+}
+
+FitSpace FitLadder::space(int level_u, int level_v, Variation variation) const {
+  std::vector<double> breaks;
+  for (const int edge : edges(level_u)) breaks.push_back(sums_.z_edge_mm(edge));
+  const std::vector<double> ends{breaks.front(), breaks.back()};
+  const std::vector<double> circle{0.0, static_cast<double>(sums_.arcs().count())};
+  return {variation.along_u ? RangeSpace::open(degree_u_, std::move(breaks)) : RangeSpace::constant(ends),
+          variation.around_v ? RangeSpace::closed(degree_v_, sums_.arcs(), intervals_per_arc(level_v), continuity_)
+                             : RangeSpace::constant(circle)};
+}
+
+int FitLadder::unknowns(int level_u, int level_v, Variation variation) const {
+  const int m = intervals_per_arc(level_v), arcs = sums_.arcs().count();
+  const bool plain = degree_v_ <= 2 || continuity_ == JointContinuity::thesis;
+  const int v = plain ? arcs * m : arcs * (m + degree_v_ - 3);
+  return (variation.along_u ? intervals_u(level_u) + degree_u_ : 1) * (variation.around_v ? v : 1);
+}
+
+}  // namespace celadon

@@ -1,0 +1,121 @@
+// choose_grid: the band and resolution of the sums, from one pass over the samples.
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdio>
+#include <numbers>
+#include <vector>
+
+#include "fitting/range_fit.h"
+
+namespace celadon {
+namespace {
+
+constexpr std::size_t kHeights = 8192;  // heights kept of the stream
+constexpr double kStrayShare = 1e-3;    // share of samples at either end that may be strays
+constexpr double kStrayReach = 0.05;    // and how far, as a share of the rest, before they are
+constexpr double kSamplesPerCell = 5;
+constexpr int kLargestAround = 32, kLargestAlong = 256, kLargestCells = 16384;
+
+// An even sample of a stream: every 2^k-th value.
+class Heights {
+ public:
+  void add(double z) {
+    if (seen_++ % stride_ != 0) return;
+    values_.push_back(z);
+    if (values_.size() < kHeights) return;
+    for (std::size_t k = 0; 2 * k < values_.size(); ++k) values_[k] = values_[2 * k];
+    values_.resize((values_.size() + 1) / 2);
+    stride_ *= 2;
+  }
+  double quantile(double share) {
+    std::sort(values_.begin(), values_.end());
+    return values_[static_cast<std::size_t>(share * static_cast<double>(values_.size() - 1))];
+  }
+
+ private:
+  std::vector<double> values_;
+  std::size_t seen_ = 0, stride_ = 1;
+};
+
+template <class... Values>
+FitError error(const char* format, Values... values) {
+  std::array<char, 400> text;
+  std::snprintf(text.data(), text.size(), format, values...);
+  return {text.data()};
+}
+
+}  // namespace
+
+tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, const RangeFitOptions& options) {
+  if (options.degree_u < 1 || options.degree_u > 5 || options.degree_v < 1 || options.degree_v > 5)
+    return tl::unexpected(error("the degrees (%d, %d) must both lie in 1..5", options.degree_u, options.degree_v));
+  if (options.z_intervals.has_value() != options.intervals_per_arc.has_value())
+    return tl::unexpected(error("fixed numbers of intervals must be given for both directions or for none"));
+  const auto power_of_two = [](int n) { return n > 0 && std::has_single_bit(static_cast<unsigned>(n)); };
+  if (options.z_intervals && (!power_of_two(*options.z_intervals) || !power_of_two(*options.intervals_per_arc)))
+    return tl::unexpected(error("%d z intervals and %d intervals an arc must both be powers of two",
+                                *options.z_intervals, *options.intervals_per_arc));
+
+  Heights heights;
+  double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, sum_r = 0;
+  std::size_t good = 0, on_axis = 0, total = 0;
+  profiles.rewind();
+  while (const Profile* profile = profiles.next())
+    for (std::size_t k = 0; k < profile->size(); ++k) {
+      const double r = profile->r_mm[k], z = profile->z_mm[k];
+      ++total;
+      if (!std::isfinite(r) || !std::isfinite(z) || !std::isfinite(profile->theta_rad[k])) continue;
+      if (r <= 0) {
+        ++on_axis;
+        continue;
+      }
+      ++good;
+      sum_r += r;
+      lowest = std::min(lowest, z);
+      highest = std::max(highest, z);
+      heights.add(z);
+    }
+  if (total == 0) return tl::unexpected(error("there are no samples; scan the object or name another input"));
+  if (good == 0 && on_axis > 0)
+    return tl::unexpected(error("all %zu samples lie on the axis (r = 0); check the axis and the units", on_axis));
+  if (good == 0)
+    return tl::unexpected(error("none of the %zu samples is a finite number; check the input's format", total));
+
+  const double low = heights.quantile(kStrayShare), high = heights.quantile(1 - kStrayShare);
+  const double reach = kStrayReach * (high - low);
+  GridSpecification grid;
+  grid.z_start_mm = lowest < low - reach ? low - reach : lowest;
+  grid.z_end_mm = highest > high + reach ? high + reach : highest;
+  if (!(grid.z_end_mm > grid.z_start_mm))
+    return tl::unexpected(error("all %zu samples have the same height z = %.9g mm: a surface needs a band of heights",
+                                good, grid.z_start_mm));
+  grid.degree_u = options.degree_u;
+  grid.degree_v = options.degree_v;
+  if (options.z_intervals) {
+    grid.z_intervals = *options.z_intervals;
+    grid.intervals_per_arc = *options.intervals_per_arc;
+    return grid;
+  }
+  // Cells about as high as wide, as many as the samples fill.
+  const double height = grid.z_end_mm - grid.z_start_mm,
+               around = 2 * std::numbers::pi * sum_r / static_cast<double>(good);
+  const double ratio = height / around;
+  grid.intervals_per_arc = kLargestAround;
+  grid.z_intervals =
+      std::clamp(static_cast<int>(std::exp2(std::round(std::log2(4 * kLargestAround * ratio)))), 16, kLargestAlong);
+  const auto cells = [&] { return 4.0 * grid.intervals_per_arc * grid.z_intervals; };
+  const double largest = std::min(static_cast<double>(good) / kSamplesPerCell, static_cast<double>(kLargestCells));
+  while (cells() > largest && (grid.z_intervals > 1 || grid.intervals_per_arc > 1)) {
+    const bool flat = height / grid.z_intervals < around / (4 * grid.intervals_per_arc);
+    if ((flat && grid.z_intervals > 1) || grid.intervals_per_arc == 1) {
+      grid.z_intervals /= 2;
+    } else {
+      grid.intervals_per_arc /= 2;
+    }
+  }
+  return grid;
+}
+
+}  // namespace celadon

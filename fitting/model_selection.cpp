@@ -1,0 +1,164 @@
+#include "fitting/model_selection.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <optional>
+
+namespace celadon {
+namespace {
+
+// What both tests say of one simpler model.
+struct Evidence {
+  double mean_square = 0, allowed = 0;  // D2 and its bound, mm^2
+  double largest = 0, critical = 0;     // (|F_g - F_s| - 3 delta)/sd and its bound
+  bool mean_square_ok() const { return mean_square <= allowed; }
+  bool largest_ok() const { return largest < critical; }
+  bool accepted() const { return mean_square_ok() && largest_ok(); }
+};
+
+// Two parameters an interval, with the values of its active functions there.
+struct SamplePoints {
+  Eigen::MatrixXd values;    // points x free functions
+  Eigen::VectorXd leverage;  // b' G^-1 b
+};
+
+SamplePoints sample_points(const RangeSpace& space, const Eigen::MatrixXd& gram) {
+  SamplePoints points;
+  points.values = Eigen::MatrixXd::Zero(2 * space.intervals(), space.free_count());
+  for (int k = 0; k < space.intervals(); ++k)
+    for (int side = 0; side < 2; ++side) {
+      const double s = side ? 0.5 : -0.5;
+      const auto active = space.active(k);
+      for (std::size_t a = 0; a < active.size(); ++a) {
+        const auto c = space.polynomial(k, static_cast<int>(a));
+        double value = 0;
+        for (std::size_t i = c.size(); i-- > 0;) value = value * s + c[i];
+        points.values(2 * k + side, active[a]) += value;
+      }
+    }
+  const Eigen::MatrixXd solved = gram.llt().solve(points.values.transpose());
+  points.leverage = (points.values.transpose().cwiseProduct(solved)).colwise().sum().transpose();
+  return points;
+}
+
+// How far a difference of two fits may go by chance, point by point: the same for all models.
+class Deviations {
+ public:
+  explicit Deviations(const ReferenceFit& reference) {
+    const auto& equations = reference.equations;
+    const BendingEnergy energy = bending_energy(equations);
+    const Eigen::MatrixXd &gu = energy.along_u[0], &gv = energy.along_v[0];
+    u_ = sample_points(equations.space().u, gu);
+    v_ = sample_points(equations.space().v, gv);
+    // A = S^-1 (Gu x Gv) S^-1 with S from the diagonal, hence sd^2 = sigma^2 kappa b' S (Gu^-1 x Gv^-1) S b.
+    Eigen::MatrixXd scale(gu.rows(), gv.rows());
+    for (Eigen::Index j = 0; j < gv.rows(); ++j)
+      for (Eigen::Index i = 0; i < gu.rows(); ++i) {
+        const double d = equations.matrix().diagonal(static_cast<int>(i), static_cast<int>(j));
+        scale(i, j) = d > 0 ? gu(i, i) * gv(j, j) / d : 1e300;
+      }
+    const Eigen::MatrixXd spread = u_.values * scale * v_.values.transpose();
+    sd_ = (spread.cwiseMax(0).cwiseProduct(u_.leverage * v_.leverage.transpose()) * reference.noise_variance() *
+           reference.kappa)
+              .cwiseSqrt();
+  }
+  double largest(const Eigen::MatrixXd& difference, double delta) const {
+    const Eigen::MatrixXd value = u_.values * difference * v_.values.transpose();
+    double result = 0;
+    for (Eigen::Index k = 0; k < value.size(); ++k) {
+      const double beyond = std::abs(value.data()[k]) - 3 * delta;
+      if (beyond > 0) result = std::max(result, sd_.data()[k] > 0 ? beyond / sd_.data()[k] : 1e300);
+    }
+    return result;
+  }
+
+ private:
+  SamplePoints u_, v_;
+  Eigen::MatrixXd sd_;
+};
+
+std::string sentence(SurfaceModel model, const Evidence& e, double delta) {
+  std::array<char, 320> text;
+  const auto excess = [](double x) { return std::sqrt(std::max(x, 0.0)); };
+  std::snprintf(text.data(), text.size(),
+                "%s %s: it differs from the general fit by %.3g mm (RMS beyond noise; %.3g mm allowed) and at most by "
+                "%.2g standard deviations beyond the form tolerance (%.2g allowed), form tolerance %.3g mm",
+                to_string(model),
+                e.accepted() ? "accepted"
+                             : (e.mean_square_ok() ? "refused by the largest deviation" : "refused by the mean square"),
+                excess(e.mean_square), excess(e.allowed), e.largest, e.critical, delta);
+  return text.data();
+}
+
+}  // namespace
+
+double ReferenceFit::noise_variance() const {
+  const double n = equations.weight(), p = equations.supported_unknowns();
+  return residual_square / std::max(n - kappa * p, 0.05 * n);
+}
+
+Variation variation_of(SurfaceModel model) {
+  return {model != SurfaceModel::cylinder && model != SurfaceModel::translational,
+          model != SurfaceModel::cylinder && model != SurfaceModel::revolution};
+}
+
+double normal_quantile(double upper_tail) {
+  double lo = 0, hi = 40;
+  for (int k = 0; k < 100; ++k) {
+    const double x = (lo + hi) / 2;
+    (std::erfc(x / std::sqrt(2.0)) / 2 > upper_tail ? lo : hi) = x;
+  }
+  return (lo + hi) / 2;
+}
+
+ModelDecision select_model(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference,
+                           double form_tolerance) {
+  const NormalEquations& general = reference.equations;
+  const double n = general.weight(), variance = reference.kappa * reference.noise_variance();
+  const int unknowns = general.supported_unknowns();
+  const Deviations deviations(reference);
+  const Eigen::MatrixXd gradient = general.gradient(reference.free);
+
+  std::optional<SurfaceModel> chosen, statistical;
+  std::string why, last_refusal;
+  for (const SurfaceModel model : {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational}) {
+    const NormalEquations simple(sums, ladder.space(reference.level_u, reference.level_v, variation_of(model)));
+    const auto free = NormalSolver(simple).solve();
+    if (!free) continue;
+    // The functions of a direction sum to one: a constant has all coefficients equal.
+    Eigen::MatrixXd difference = reference.free;
+    for (Eigen::Index j = 0; j < difference.cols(); ++j)
+      for (Eigen::Index i = 0; i < difference.rows(); ++i)
+        difference(i, j) -= (*free)(free->rows() > 1 ? i : 0, free->cols() > 1 ? j : 0);
+    // RSS_s - RSS_g without cancellation; the second term vanishes at the minimum.
+    const double added = general.quadratic(difference) + 2 * difference.cwiseProduct(gradient).sum();
+    const double dp = std::max(1, unknowns - simple.supported_unknowns());
+    const auto judge = [&](double delta) {
+      Evidence e;
+      e.mean_square = (added - variance * dp) / n;
+      const double noncentral = variance > 0 ? 4 * n * delta * delta / variance : 0;
+      const double kappa_error = reference.kappa > 1.05 ? 0.01 * dp * dp : 0;
+      e.allowed = delta * delta + 3 * variance / n * std::sqrt(2 * dp + noncentral + kappa_error);
+      e.largest = deviations.largest(difference, delta);
+      e.critical = normal_quantile(5e-4 / unknowns);
+      return e;
+    };
+    if (!statistical && judge(0).accepted()) statistical = model;
+    if (!chosen) {
+      const Evidence e = judge(form_tolerance);
+      (e.accepted() ? why : last_refusal) = sentence(model, e, form_tolerance);
+      if (e.accepted()) chosen = model;
+    }
+  }
+  ModelDecision decision;
+  decision.model = chosen.value_or(SurfaceModel::general);
+  decision.statistical = statistical.value_or(SurfaceModel::general);
+  decision.decided_by = (chosen ? why : "general: every simpler model is contradicted (" + last_refusal + ")") +
+                        "; without a form tolerance the samples alone say " + to_string(decision.statistical);
+  return decision;
+}
+
+}  // namespace celadon

@@ -1,0 +1,60 @@
+#pragma once
+// How much more the errors of a fit vary than independent noise of the same size would make them: the correlation
+// inflation kappa. Source: README.md, "Model selection".
+
+#include <array>
+#include <cstddef>
+#include <map>
+#include <vector>
+
+#include "fitting/profile.h"
+
+namespace celadon {
+
+/// kappa from the residuals of a reference fit, profile after profile. Lines of rows: the product over both directions
+/// of 1 + 2 sum rho_k, k until rho < 0.03, along the line and from profile to profile at the same height; errors common
+/// to a profile count by the variance between profiles. Scattered points: the variance of the means of small cells.
+class NoiseCorrelation {
+ public:
+  struct Setting {
+    double z_start_mm = 0, z_end_mm = 1;
+    double arcs = 4;          ///< v runs over [0, arcs)
+    std::size_t samples = 0;  ///< expected
+    int unknowns = 1;         ///< of the reference
+    int unknowns_around = 1;  ///< in v alone
+  };
+  explicit NoiseCorrelation(const Setting& setting);
+
+  /// Residuals of a profile's samples (NaN: leave out) and their v; arrays of the profile's length.
+  void add(const Profile& profile, const double* v, const double* residual);
+  double kappa() const;
+
+ private:
+  static constexpr int kLags = 40, kSlots = 64;
+  // Products of residuals so many steps apart.
+  struct Lags {
+    std::array<double, kLags> sum{}, count{};
+    double inflation() const;
+  };
+  struct Laser {
+    std::array<std::array<double, kLags>, kSlots> history;
+    std::size_t profiles = 0;
+  };
+  void add_line(const Profile& profile, const double* residual);
+  void add_slots(const Profile& profile, const double* residual);
+  void add_cells(const Profile& profile, const double* v, const double* residual);
+  double scattered_kappa() const;
+
+  Setting setting_;
+  std::size_t stride_ = 1, lines_ = 0;
+  Lags along_, across_;
+  std::map<int, Laser> lasers_;
+  double square_ = 0, count_ = 0;                    // of all residuals
+  double mean_square_ = 0, profiles_with_mean_ = 0;  // sum of n mean^2 over profiles
+  int cells_z_ = 1, cells_v_ = 1;
+  std::vector<double> cell_sum_, cell_count_;
+  double scattered_square_ = 0, scattered_count_ = 0;
+  std::vector<double> line_;
+};
+
+}  // namespace celadon
