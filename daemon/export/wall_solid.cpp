@@ -1,9 +1,7 @@
 #include "daemon/export/wall_solid.h"
 
 #include <BRepCheck_Analyzer.hxx>
-#include <BRepGProp.hxx>
 #include <BRep_Builder.hxx>
-#include <GProp_GProps.hxx>
 #include <Geom2d_BSplineCurve.hxx>
 #include <Geom2d_Line.hxx>
 #include <Geom_BSplineCurve.hxx>
@@ -24,13 +22,13 @@
 #include <optional>
 #include <sstream>
 
+#include "daemon/export/wall_volume.h"
+
 namespace celadon {
 namespace {
 
 /// OpenCASCADE's own confusion distance; also the uncertainty written into the file.
 constexpr double tolerance_mm = 1e-7;
-/// Relative error asked of the volume: without it the quadrature was wrong by 0.85 % on such walls.
-constexpr double volume_epsilon = 1e-4;
 
 std::string number(double value) {
   std::ostringstream text;
@@ -282,9 +280,7 @@ tl::expected<WallSolid, std::string> solid_of_wall(const NurbsSurface& wall) {
   if (!BRepCheck_Analyzer(body->solid).IsValid()) {
     return tl::make_unexpected(std::string("OpenCASCADE finds the solid invalid"));
   }
-  GProp_GProps properties;
-  BRepGProp::VolumeProperties(body->solid, properties, volume_epsilon);
-  body->volume_mm3 = properties.Mass();
+  body->volume_mm3 = enclosed_volume_mm3(wall);
   if (!(body->volume_mm3 > 0)) {
     return tl::make_unexpected("the solid has a volume of " + number(body->volume_mm3) + " mm3, not a positive one");
   }

@@ -7,48 +7,75 @@
 namespace celadon {
 namespace {
 
-/// A knot interval of one direction and the index of its knot span.
-struct Interval {
+constexpr int least_pieces_up = 32;
+constexpr int least_pieces_around = 64;
+
+/// A piece of a knot interval: its ends, the index of its knot span, and the Bezier coefficients on it as combinations
+/// of the active B-spline coefficients.
+struct Piece {
   double from, to;
   int span;
+  bool kink_before;
+  Eigen::MatrixXd bezier;
 };
 
-std::vector<Interval> intervals_of(const std::vector<double>& knots) {
-  std::vector<Interval> intervals;
+/// The polar form of a spline's piece at `arguments` (as many as the degree) as weights of the active coefficients.
+Eigen::VectorXd polar_form(const std::vector<double>& knots, int degree, int span,
+                           const std::vector<double>& arguments) {
+  Eigen::MatrixXd d = Eigen::MatrixXd::Identity(degree + 1, degree + 1);
+  for (int level = 1; level <= degree; ++level) {
+    const double t = arguments[static_cast<std::size_t>(level - 1)];
+    for (int k = degree; k >= level; --k) {
+      const double left = knots[static_cast<std::size_t>(span - degree + k)];
+      const double right = knots[static_cast<std::size_t>(span + 1 + k - level)];
+      const double a = (t - left) / (right - left);
+      d.row(k) = (1 - a) * d.row(k - 1) + a * d.row(k);
+    }
+  }
+  return d.row(degree);
+}
+
+/// Knot intervals, cut further until there are `least` pieces: hulls of long polynomial pieces are loose.
+std::vector<Piece> pieces_of(const std::vector<double>& knots, int degree, int least) {
+  std::vector<Piece> pieces;
+  int intervals = 0;
   for (std::size_t i = 0; i + 1 < knots.size(); ++i) {
-    if (knots[i] < knots[i + 1]) {
-      intervals.push_back({knots[i], knots[i + 1], static_cast<int>(i)});
+    intervals += knots[i] < knots[i + 1] ? 1 : 0;
+  }
+  const int cuts = degree == 0 ? 1 : (least + intervals - 1) / intervals;
+  for (std::size_t i = 0; i + 1 < knots.size(); ++i) {
+    if (!(knots[i] < knots[i + 1])) {
+      continue;
+    }
+    const auto multiplicity = static_cast<int>(std::count(knots.begin(), knots.end(), knots[i]));
+    for (int cut = 0; cut < cuts; ++cut) {
+      Piece piece;
+      const double width = knots[i + 1] - knots[i];
+      piece.from = knots[i] + width * cut / cuts;
+      piece.to = cut + 1 == cuts ? knots[i + 1] : knots[i] + width * (cut + 1) / cuts;
+      piece.span = static_cast<int>(i);
+      piece.kink_before = cut == 0 && degree - multiplicity < 1;
+      piece.bezier.resize(degree + 1, degree + 1);
+      for (int k = 0; k <= degree; ++k) {
+        std::vector<double> arguments(static_cast<std::size_t>(degree - k), piece.from);
+        arguments.insert(arguments.end(), static_cast<std::size_t>(k), piece.to);
+        piece.bezier.row(k) = polar_form(knots, degree, piece.span, arguments);
+      }
+      pieces.push_back(std::move(piece));
     }
   }
-  return intervals;
+  return pieces;
 }
 
-/// Less than C1 at the border after each interval but the last.
-std::vector<bool> kinks_of(const std::vector<double>& knots, const std::vector<Interval>& intervals, int degree) {
-  std::vector<bool> kinks;
-  for (std::size_t i = 0; i + 1 < intervals.size(); ++i) {
-    const auto multiplicity = std::count(knots.begin(), knots.end(), intervals[i].to);
-    kinks.push_back(degree - multiplicity < 1);
-  }
-  return kinks;
-}
-
-/// The coefficients active on a knot span, differentiated; row index along the direction.
-Eigen::MatrixXd differentiated(const Eigen::MatrixXd& active, const std::vector<double>& knots, int degree, int order,
-                               int span) {
-  Eigen::MatrixXd d = active;
+/// Bezier coefficients of the derivative; rows along the direction, on an interval of the given width.
+Eigen::MatrixXd differentiated(const Eigen::MatrixXd& bezier, int order, double width) {
+  Eigen::MatrixXd d = bezier;
   for (int level = 0; level < order; ++level) {
-    const int p = degree - level;
-    if (p <= 0) {
-      return Eigen::MatrixXd::Zero(1, active.cols());
+    const Eigen::Index p = d.rows() - 1;
+    if (p == 0) {
+      return Eigen::MatrixXd::Zero(1, bezier.cols());
     }
-    Eigen::MatrixXd next(p, d.cols());
-    for (int i = 0; i < p; ++i) {
-      const auto left = static_cast<std::size_t>(span - p + 1 + i);
-      const auto right = static_cast<std::size_t>(span + 1 + i);
-      next.row(i) = p * (d.row(i + 1) - d.row(i)) / (knots[right] - knots[left]);
-    }
-    d = std::move(next);
+    d = (static_cast<double>(p) / width * (d.bottomRows(p) - d.topRows(p))).eval();
   }
   return d;
 }
@@ -78,26 +105,27 @@ BoundTable::BoundTable(const RangeFunction& range) {
   const double height = base.z_end_mm - base.z_start_mm;
   const int p = range.degree_u();
   const int q = range.degree_v();
-  const auto u_intervals = intervals_of(range.knots_u());
-  const auto v_intervals = intervals_of(range.knots_v());
+  const auto u_pieces = pieces_of(range.knots_u(), p, least_pieces_up);
+  const auto v_pieces = pieces_of(range.knots_v(), q, least_pieces_around);
   z_.push_back(base.z_start_mm);
-  for (const Interval& u : u_intervals) {
+  for (const Piece& u : u_pieces) {
     z_.push_back(base.z_start_mm + u.to * height);
+    z_kink_.push_back(u.kink_before);
   }
   z_.back() = base.z_end_mm;
-  theta_.push_back(base.arcs.theta_of_v(v_intervals.front().from));
-  for (const Interval& v : v_intervals) {
+  theta_.push_back(base.arcs.theta_of_v(v_pieces.front().from));
+  for (const Piece& v : v_pieces) {
     theta_.push_back(base.arcs.theta_of_v(v.to));
+    theta_kink_.push_back(v.kink_before);
   }
-  z_kink_ = kinks_of(range.knots_u(), u_intervals, p);
-  theta_kink_ = kinks_of(range.knots_v(), v_intervals, q);
 
-  for (const Interval& u : u_intervals) {
-    for (const Interval& v : v_intervals) {
-      const Eigen::MatrixXd active = range.coefficients().block(u.span - p, v.span - q, p + 1, q + 1);
+  for (const Piece& u : u_pieces) {
+    for (const Piece& v : v_pieces) {
+      const Eigen::MatrixXd bezier =
+          u.bezier * range.coefficients().block(u.span - p, v.span - q, p + 1, q + 1) * v.bezier.transpose();
       const auto derivative = [&](int order_u, int order_v) -> Eigen::MatrixXd {
-        const Eigen::MatrixXd along_u = differentiated(active, range.knots_u(), p, order_u, u.span);
-        return differentiated(along_u.transpose(), range.knots_v(), q, order_v, v.span);
+        const Eigen::MatrixXd along_u = differentiated(bezier, order_u, u.to - u.from);
+        return differentiated(along_u.transpose(), order_v, v.to - v.from);
       };
       const auto largest = [](const Eigen::MatrixXd& net) { return net.cwiseAbs().maxCoeff(); };
       // v' falls towards the middle of an arc and rises again, |v''| is largest at the ends (README.md, "Meshes"): both
@@ -128,10 +156,10 @@ BoundTable::BoundTable(const RangeFunction& range) {
       const double f_v = largest(derivative(0, 1));
       const Eigen::MatrixXd f_vv = derivative(0, 2);
       RangeBounds bounds;
-      bounds.r_max = largest(active);
+      bounds.r_max = largest(bezier);
       bounds.bend =
-          bend_bound(f_vv.minCoeff(), f_vv.maxCoeff(), f_v, v1_min, v1_max, v2, active.minCoeff(), active.maxCoeff());
-      bounds.slope_max = f_v * v1_max / std::max(active.minCoeff(), 1e-3 * bounds.r_max);
+          bend_bound(f_vv.minCoeff(), f_vv.maxCoeff(), f_v, v1_min, v1_max, v2, bezier.minCoeff(), bezier.maxCoeff());
+      bounds.slope_max = f_v * v1_max / std::max(bezier.minCoeff(), 1e-3 * bounds.r_max);
       bounds.r_z = largest(derivative(1, 0)) / height;
       bounds.r_theta_z = largest(derivative(1, 1)) * v1_max / height;
       bounds.r_zz = largest(derivative(2, 0)) / (height * height);

@@ -18,8 +18,8 @@ struct RangeBounds {
   void widen(const RangeBounds& other);
 };
 
-/// Bounds of a range function on each rectangle between its knots, from the convex hulls of its coefficients and those
-/// of its derivatives.
+/// Bounds of a range function on rectangles between its knots, from the convex hulls of the Bezier coefficients of the
+/// function and its derivatives.
 class BoundTable {
  public:
   explicit BoundTable(const RangeFunction& range);
@@ -27,7 +27,7 @@ class BoundTable {
   /// Borders between the intervals, ascending: z in mm, theta in radians.
   const std::vector<double>& z_mm() const { return z_; }
   const std::vector<double>& theta_rad() const { return theta_; }
-  /// Whether the function may have a kink there (less than C1): a grid line must follow it.
+  /// Whether the function may have a kink (less than C1) where an interval starts: a grid line must follow it.
   const std::vector<bool>& z_kink() const { return z_kink_; }
   const std::vector<bool>& theta_kink() const { return theta_kink_; }
   const RangeBounds& at(std::size_t z_interval, std::size_t theta_interval) const {

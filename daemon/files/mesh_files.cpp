@@ -108,7 +108,7 @@ class Mesher {
       // The second term holds the twist of a cell down where the wall is straight but slanted.
       const double density = std::sqrt(bounds.r_zz) / unit + 4 * bounds.r_z / bounds.r_max;
       upward_.push_back({table_.z_mm()[i], table_.z_mm()[i + 1], std::max(density, 1e-3 / height),
-                         i + 1 < rows && table_.z_kink()[i]});
+                         i + 1 < rows && table_.z_kink()[i + 1]});
     }
   }
 
@@ -132,6 +132,9 @@ class Mesher {
       }
       grid.r_mm.resize(count);
       range_.evaluate(theta.data(), z.data(), count, grid.r_mm.data());
+      if (!std::all_of(grid.r_mm.begin(), grid.r_mm.end(), [](double r) { return r > 0; })) {
+        throw std::invalid_argument("mesh_of: the range is not positive everywhere");
+      }
       if (proved(grid)) {
         return grid;
       }

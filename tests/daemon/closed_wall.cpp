@@ -129,7 +129,8 @@ double ClosedWall::volume_mm3() const {
           const double s = 1 - 2 * t * (1 - t) * (1 - half_sqrt_2);
           const double theta_v = std::numbers::sqrt2 * (1 - (2 - std::numbers::sqrt2) * t * (1 - t)) / (s * s);
           const double r = range_mm(u, v);
-          // x = (1 - t)^2 + sqrt2 t (1 - t), y = sqrt2 t (1 - t) + t^2 over s: x y' - y x' = theta_v of the unit circle.
+          // x = (1 - t)^2 + sqrt2 t (1 - t), y = sqrt2 t (1 - t) + t^2 over s: x y' - y x' = theta_v of the unit
+          // circle.
           return r * r / 2 * theta_v;
         });
       }
@@ -176,7 +177,9 @@ NurbsSurface ClosedWall::surface() const {
   return surface;
 }
 
-ClosedWall cylinder(double radius_mm, double height_mm) { return revolution(1, {radius_mm, radius_mm}, height_mm); }
+ClosedWall cylinder(double radius_mm, double height_mm) {
+  return revolution(1, {radius_mm, radius_mm}, height_mm);
+}
 
 ClosedWall revolution(int degree_u, std::vector<double> control_ranges_mm, double height_mm) {
   ClosedWall wall;

@@ -1,6 +1,6 @@
 #pragma once
-// Walls in closed form for the tests: range functions given by their Bernstein coefficients on the four quarter circles,
-// multiplied with the base circle by hand, and evaluated without any B-spline code.
+// Walls in closed form for the tests: range functions given by their Bernstein coefficients on the four quarter
+// circles, multiplied with the base circle by hand, and evaluated without any B-spline code.
 
 #include <Eigen/Core>
 #include <array>

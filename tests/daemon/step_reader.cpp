@@ -10,7 +10,9 @@ namespace {
 
 using Kind = StepValue::Kind;
 
-[[noreturn]] void fail(const std::string& what) { throw std::runtime_error("STEP: " + what); }
+[[noreturn]] void fail(const std::string& what) {
+  throw std::runtime_error("STEP: " + what);
+}
 
 void append_utf8(std::string& text, unsigned long code) {
   if (code < 0x80) {
@@ -74,7 +76,8 @@ class Parser {
 
   void skip_blank() {
     for (;;) {
-      while (at_ < text_.size() && (text_[at_] == ' ' || text_[at_] == '\n' || text_[at_] == '\r' || text_[at_] == '\t')) {
+      while (at_ < text_.size() &&
+             (text_[at_] == ' ' || text_[at_] == '\n' || text_[at_] == '\r' || text_[at_] == '\t')) {
         ++at_;
       }
       if (text_.substr(at_, 2) != "/*") {
@@ -303,7 +306,8 @@ std::vector<double> written_out(const StepValue& knots, const StepValue& multipl
 }
 
 /// De Boor's algorithm on homogeneous points.
-Eigen::Vector4d de_boor(int degree, const std::vector<double>& knots, const std::vector<Eigen::Vector4d>& points, double t) {
+Eigen::Vector4d de_boor(int degree, const std::vector<double>& knots, const std::vector<Eigen::Vector4d>& points,
+                        double t) {
   int span = degree;
   const int last = static_cast<int>(points.size()) - 1;
   while (span < last && t >= knots[static_cast<std::size_t>(span) + 1]) {
@@ -322,7 +326,9 @@ Eigen::Vector4d de_boor(int degree, const std::vector<double>& knots, const std:
   return d.back();
 }
 
-Eigen::Vector3d projected(const Eigen::Vector4d& homogeneous) { return homogeneous.head<3>() / homogeneous.w(); }
+Eigen::Vector3d projected(const Eigen::Vector4d& homogeneous) {
+  return homogeneous.head<3>() / homogeneous.w();
+}
 
 Eigen::Vector4d homogeneous(const Eigen::Vector4d& point_and_weight) {
   Eigen::Vector4d result = point_and_weight * point_and_weight.w();

@@ -1,6 +1,6 @@
 #pragma once
-// A small reader of ISO 10303-21 text, independent of every CAD library: tokens, entities, complex entities, and rational
-// B-spline surfaces evaluated by de Boor's algorithm.
+// A small reader of ISO 10303-21 text, independent of every CAD library: tokens, entities, complex entities, and
+// rational B-spline surfaces evaluated by de Boor's algorithm.
 
 #include <Eigen/Core>
 #include <map>

@@ -1,0 +1,173 @@
+// Meshes against closed forms: distance of densely sampled wall points, closedness, volume.
+
+#include "daemon/files/mesh_files.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <numbers>
+
+#include "fitting/range_function.h"
+#include "tests/daemon/closed_wall.h"
+#include "tests/daemon/triangle_reader.h"
+
+namespace celadon {
+namespace {
+
+using testing::ClosedWall;
+using testing::Triangles;
+
+constexpr double pi = std::numbers::pi;
+
+/// The range function of a wall in closed form: its Bernstein coefficients are B-spline coefficients at full knots.
+RangeFunction range_of(const ClosedWall& wall, const Eigen::Isometry3d& X_WB = Eigen::Isometry3d::Identity()) {
+  BaseCylinder base;
+  base.z_start_mm = wall.z_start_mm;
+  base.z_end_mm = wall.z_end_mm;
+  base.X_WB = X_WB;
+  const int q = wall.degree_v;
+  std::vector<double> knots_v = {0.0};
+  const auto rows = static_cast<Eigen::Index>(wall.bernstein.size());
+  if (q == 0) {
+    knots_v = {0, 4};
+  } else {
+    for (int joint = 0; joint <= 4; ++joint) {
+      knots_v.insert(knots_v.end(), static_cast<std::size_t>(q), joint);
+    }
+    knots_v.push_back(4);
+  }
+  Eigen::MatrixXd coefficients(rows, q == 0 ? 1 : 4 * q + 1);
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    for (Eigen::Index j = 0; j < coefficients.cols(); ++j) {
+      const auto arc = static_cast<std::size_t>(q == 0 ? 0 : std::min<Eigen::Index>(3, j / q));
+      const auto k = static_cast<std::size_t>(q == 0 ? 0 : j - static_cast<Eigen::Index>(arc) * q);
+      coefficients(i, j) = wall.bernstein[static_cast<std::size_t>(i)][arc][k];
+    }
+  }
+  return {base, wall.degree_u, q, wall.knots_u, knots_v, coefficients};
+}
+
+Triangles triangles_of(const TriangleMesh& mesh) {
+  return {mesh.vertices_mm, mesh.triangles, {}};
+}
+
+struct MeshCase {
+  const char* name;
+  ClosedWall wall;
+  double chord_mm;
+  std::size_t most_triangles;  ///< guards against needless refinement
+};
+
+class Meshes : public ::testing::TestWithParam<MeshCase> {};
+
+TEST_P(Meshes, AreClosedAndWithinTheirTolerance) {
+  const auto& [name, wall, chord_mm, most] = GetParam();
+  const RangeFunction range = range_of(wall);
+  const TriangleMesh mesh = mesh_of(range, chord_mm);
+  const Triangles triangles = triangles_of(mesh);
+  EXPECT_TRUE(triangles.watertight());
+  EXPECT_EQ(triangles.euler_characteristic(), 2);
+  double worst = 0;
+  // Steps that share no divisor with the grid's.
+  for (int i = 0; i <= 24; ++i) {
+    for (int j = 0; j < 97; ++j) {
+      worst = std::max(worst, triangles.distance(wall.point(i / 24.0, 4 * (j + 0.37) / 97)));
+    }
+  }
+  EXPECT_LE(worst, chord_mm);
+  EXPECT_LE(mesh.triangles.size(), most);
+  // An inscribed body's volume is off by at most chord x area.
+  const double volume = wall.volume_mm3();
+  const double area = 2 * pi * 60 * (wall.z_end_mm - wall.z_start_mm) * 2;
+  EXPECT_GT(triangles.volume(), 0);
+  EXPECT_NEAR(triangles.volume(), volume, chord_mm * area);
+  RecordProperty("worst_mm", std::to_string(worst));
+  RecordProperty("triangles", std::to_string(mesh.triangles.size()));
+}
+
+ClosedWall steep_lobes() {
+  ClosedWall wall = testing::lobed(3, 8, 3, 60);
+  for (auto& row : wall.bernstein) {
+    for (auto& arc : row) {
+      for (double& value : arc) {
+        value = 40 + 3 * (value - 40);
+      }
+    }
+  }
+  return wall;
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    All, Meshes,
+    ::testing::Values(MeshCase{"cylinder", testing::cylinder(30, 100), 0.05, 300},
+                      MeshCase{"cylinder_coarse", testing::cylinder(30, 100), 2, 80},
+                      MeshCase{"cone", testing::revolution(1, {50, 10}, 60), 0.05, 3000},
+                      MeshCase{"polyline", testing::revolution(1, {30, 50, 20, 40}, 60), 0.1, 5000},
+                      MeshCase{"vase", testing::revolution(3, {30, 41, 35, 28, 33, 39}, 120), 0.05, 9000},
+                      MeshCase{"lobes", testing::lobed(3, 9, 3, 120), 0.1, 10000},
+                      MeshCase{"lobes_of_degree_1", testing::lobed(1, 5, 1, 80), 0.2, 6000},
+                      MeshCase{"lobes_of_degree_5", testing::lobed(5, 9, 5, 80), 0.2, 8000},
+                      MeshCase{"steep_lobes", steep_lobes(), 0.5, 20000}),
+    [](const auto& tested) { return std::string(tested.param.name); });
+
+TEST(MeshFiles, FollowThePlacementOfTheBase) {
+  Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+  X_WB.rotate(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, -1, 2).normalized()));
+  X_WB.pretranslate(Eigen::Vector3d(100, -50, 20));
+  const ClosedWall wall = testing::lobed(3, 6, 3, 50);
+  const Triangles placed = triangles_of(mesh_of(range_of(wall, X_WB), 0.2));
+  const Triangles upright = triangles_of(mesh_of(range_of(wall), 0.2));
+  ASSERT_EQ(placed.vertices.size(), upright.vertices.size());
+  EXPECT_LT((placed.vertices[17] - X_WB * upright.vertices[17]).norm(), 1e-12);
+  EXPECT_NEAR(placed.volume() / upright.volume(), 1, 1e-12);
+}
+
+TEST(MeshFiles, FinerToleranceGivesMoreTriangles) {
+  const RangeFunction range = range_of(testing::lobed(3, 6, 3, 50));
+  const std::size_t coarse = mesh_of(range, 0.1).triangles.size();
+  const std::size_t fine = mesh_of(range, 0.01).triangles.size();
+  // Both directions refine with the square root.
+  EXPECT_GT(fine, 6 * coarse);
+  EXPECT_LT(fine, 15 * coarse);
+}
+
+TEST(MeshFiles, StlAndPlyHoldTheMesh) {
+  const RangeFunction range = range_of(testing::revolution(3, {30, 41, 35, 28}, 70));
+  const TriangleMesh mesh = mesh_of(range, 0.1);
+  const std::string header = "solid is not what this line says, chord 0.1 mm\nsecond line";
+  const std::string stl = binary_stl(mesh, header);
+  const Triangles from_stl = testing::read_stl(stl);
+  EXPECT_EQ(stl.substr(1, 40), header.substr(1, 40));
+  EXPECT_EQ(from_stl.faces.size(), mesh.triangles.size());
+  EXPECT_EQ(from_stl.vertices.size(), mesh.vertices_mm.size());
+  EXPECT_TRUE(from_stl.watertight());
+  EXPECT_EQ(from_stl.euler_characteristic(), 2);
+  EXPECT_NEAR(from_stl.volume() / triangles_of(mesh).volume(), 1, 1e-6);
+  for (std::size_t i = 0; i < from_stl.faces.size(); ++i) {
+    const auto& face = from_stl.faces[i];
+    const Eigen::Vector3d& a = from_stl.vertices[face[0]];
+    const Eigen::Vector3d n = (from_stl.vertices[face[1]] - a).cross(from_stl.vertices[face[2]] - a).normalized();
+    ASSERT_GT(n.dot(from_stl.normals[i]), 0.9999);
+  }
+
+  const std::string ply = binary_ply(mesh, header);
+  const Triangles from_ply = testing::read_ply_triangles(ply);
+  EXPECT_TRUE(from_ply.watertight());
+  EXPECT_EQ(from_ply.faces, mesh.triangles);
+  EXPECT_THAT(ply, ::testing::HasSubstr("\ncomment solid is not what this line says, chord 0.1 mm second line\n"));
+  EXPECT_EQ(ply, binary_ply(mesh_of(range, 0.1), header));
+  EXPECT_EQ(stl, binary_stl(mesh_of(range, 0.1), header));
+}
+
+TEST(MeshFiles, RefuseWhatMakesNoSense) {
+  const RangeFunction range = range_of(testing::cylinder(30, 100));
+  EXPECT_THROW(mesh_of(range, 0), std::invalid_argument);
+  EXPECT_THROW(mesh_of(range, std::nan("")), std::invalid_argument);
+  EXPECT_THROW(mesh_of(range_of(testing::lobed(3, 6, 3, 50)), 1e-12), std::length_error);
+  EXPECT_THROW(mesh_of(range_of(testing::revolution(3, {30, 30, -40, 30}, 50)), 0.1), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace celadon
