@@ -14,6 +14,7 @@ IntervalBasis::IntervalBasis(std::span<const double> knots, int degree) : degree
   breaks_ = breaks_of(knots).values;
   const std::size_t intervals = breaks_.size() - 1;
   const auto rows = static_cast<std::size_t>(degree) + 1, columns = static_cast<std::size_t>(width());
+  last_ = static_cast<double>(intervals - 1);
   uniform_scale_ = static_cast<double>(intervals) / (breaks_.back() - breaks_.front());
   power_.assign(intervals * rows * columns, 0.0);
   for (std::size_t k = 0; k < intervals; ++k) {
@@ -27,16 +28,6 @@ IntervalBasis::IntervalBasis(std::span<const double> knots, int degree) : degree
     first_.push_back(span - degree);
     scale_.push_back(2 / (breaks_[k + 1] - breaks_[k]));
   }
-}
-
-int IntervalBasis::locate(double t, int near) const {
-  if (holds(near, t)) return near;
-  const int last = static_cast<int>(first_.size()) - 1;
-  if (!(t > breaks_.front())) return 0;
-  if (t >= breaks_.back()) return last;
-  const int guess = std::min(static_cast<int>((t - breaks_.front()) * uniform_scale_), last);
-  if (holds(guess, t)) return guess;
-  return static_cast<int>(std::upper_bound(breaks_.begin(), breaks_.end(), t) - breaks_.begin()) - 1;
 }
 
 }  // namespace celadon

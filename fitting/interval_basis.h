@@ -1,6 +1,8 @@
 #pragma once
 // B-splines as power polynomials of each knot interval: what evaluation at many points reads.
 
+#include <algorithm>
+#include <cmath>
 #include <span>
 #include <vector>
 
@@ -14,33 +16,35 @@ class IntervalBasis {
   IntervalBasis(std::span<const double> knots, int degree);
 
   int degree() const { return degree_; }
-  /// 4 up to degree 3, else 6.
-  int width() const { return degree_ <= 3 ? 4 : 6; }
-  /// Interval of t, the last one at the end; `near` is tried first. NaN goes anywhere.
-  int locate(double t, int near) const;
+  /// 4 up to degree 3, else 8.
+  int width() const { return degree_ <= 3 ? 4 : 8; }
+  /// Interval of t, the first or last one outside; NaN goes anywhere. `near` is tried first; then a guess, good where
+  /// breaks are nearly uniform. Branches are the same ones for points in any order.
+  int locate(double t, int near) const {
+    if (std::abs(local(near, t)) < 1) return near;
+    const double guess = std::min(std::max(0.0, (t - breaks_.front()) * uniform_scale_), last_);
+    const double* at = breaks_.data() + static_cast<int>(guess);
+    while (t < *at && at != breaks_.data()) --at;
+    while (t >= at[1] && at != begin_of_last()) ++at;
+    return static_cast<int>(at - breaks_.data());
+  }
   /// Index of the first of the functions of an interval.
   int first(int interval) const { return first_[static_cast<std::size_t>(interval)]; }
-  /// Values of the width() functions at t.
-  template <int kWidth>
-  void values(int interval, double t, double* N) const {
+  /// Local coordinate s in [-1, 1] of t on an interval.
+  double local(int interval, double t) const {
     const auto k = static_cast<std::size_t>(interval);
-    const double s = (t - breaks_[k]) * scale_[k] - 1;
-    const double* power = power_.data() + k * static_cast<std::size_t>((degree_ + 1) * kWidth);
-    const double* row = power + degree_ * kWidth;
-    for (int a = 0; a < kWidth; ++a) N[a] = row[a];
-    while (row != power) {
-      row -= kWidth;
-      for (int a = 0; a < kWidth; ++a) N[a] = N[a] * s + row[a];
-    }
+    return (t - breaks_[k]) * scale_[k] - 1;
+  }
+  /// Power coefficients in s on an interval: degree() + 1 rows, constant first, of width() functions.
+  const double* power(int interval) const {
+    return power_.data() + static_cast<std::size_t>(interval * (degree_ + 1) * width());
   }
 
  private:
-  bool holds(int interval, double t) const {
-    const auto k = static_cast<std::size_t>(interval);
-    return breaks_[k] <= t && t < breaks_[k + 1];
-  }
+  const double* begin_of_last() const { return breaks_.data() + first_.size() - 1; }
   int degree_ = 0;
   double uniform_scale_ = 0;            // intervals per unit of t, were they all alike
+  double last_ = 0;                     // index of the last interval
   std::vector<double> breaks_, scale_;  // scale: 2/(hi - lo)
   std::vector<int> first_;
   std::vector<double> power_;  // per interval degree + 1 rows (constant first) of width() functions

@@ -27,9 +27,9 @@ struct NurbsSurface {
 };
 
 class RangeFunction;
-/// S = F . B on the cylinder by symbolic product (thesis appendix A, B; z is not multiplied by F, B.3), as 3D homogeneous
-/// control points in the scanner frame, degree (max(p,1), q+2), removable knots removed (exactly: to 1e-12 of the size).
-/// S_u x S_v points inward (README.md, "Orientation").
+/// S = F . B on the cylinder by symbolic product (thesis appendix A, B; z is not multiplied by F, B.3), as 3D
+/// homogeneous control points in the scanner frame, degree (max(p,1), q+2), removable knots removed (exactly: to 1e-12
+/// of the size). S_u x S_v points inward (README.md, "Orientation").
 NurbsSurface symbolic_product(const RangeFunction& range);
 
 }  // namespace celadon

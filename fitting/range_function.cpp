@@ -9,6 +9,7 @@
 
 #include "fitting/bspline_basis.h"
 #include "fitting/knots.h"
+#include "fitting/tensor_sum.h"
 
 namespace celadon {
 
@@ -51,26 +52,6 @@ double RangeFunction::operator()(double theta_rad, double z_mm) const {
   return r_mm;
 }
 
-template <int kWidthU, int kWidthV>
-void RangeFunction::sum(const double* u, const double* v, std::size_t n, double* r_mm) const {
-  int at_u = 0, at_v = 0;
-  const Eigen::Index stride = padded_.rows();
-  for (std::size_t k = 0; k < n; ++k) {
-    at_u = basis_u_.locate(u[k], at_u);
-    at_v = basis_v_.locate(v[k], at_v);
-    double Nu[kWidthU], Nv[kWidthV], row[kWidthU] = {};
-    basis_u_.values<kWidthU>(at_u, u[k], Nu);
-    basis_v_.values<kWidthV>(at_v, v[k], Nv);
-    const double* f = padded_.data() + basis_u_.first(at_u) + basis_v_.first(at_v) * stride;
-    for (int b = 0; b < kWidthV; ++b, f += stride) {
-      for (int a = 0; a < kWidthU; ++a) row[a] += Nv[b] * f[a];
-    }
-    double total = 0;
-    for (int a = 0; a < kWidthU; ++a) total += Nu[a] * row[a];
-    r_mm[k] = total;
-  }
-}
-
 void RangeFunction::evaluate(const double* theta_rad, const double* z_mm, std::size_t n, double* r_mm) const {
   if (coefficients_.size() == 0) throw std::logic_error("RangeFunction: evaluated before it was built");
   constexpr std::size_t kBlock = 256;
@@ -79,10 +60,7 @@ void RangeFunction::evaluate(const double* theta_rad, const double* z_mm, std::s
     const std::size_t m = std::min(kBlock, n - first);
     base_.arcs.synchronise(theta_rad + first, m, v.data());
     for (std::size_t k = 0; k < m; ++k) u[k] = u_of_z(z_mm[first + k]);
-    const bool wide_u = basis_u_.width() > 4, wide_v = basis_v_.width() > 4;
-    const auto part = wide_u ? (wide_v ? &RangeFunction::sum<6, 6> : &RangeFunction::sum<6, 4>)
-                             : (wide_v ? &RangeFunction::sum<4, 6> : &RangeFunction::sum<4, 4>);
-    (this->*part)(u.data(), v.data(), m, r_mm + first);
+    tensor_sum(basis_u_, basis_v_, padded_, u.data(), v.data(), m, r_mm + first);
   }
 }
 

@@ -49,7 +49,7 @@ class RangeFunction {
   /// r at (theta, z) of the base frame; z clamped to the band.
   double operator()(double theta_rad, double z_mm) const;
   RangeDerivatives derivatives(double theta_rad, double z_mm) const;
-  /// r at n points, SIMD friendly; arrays of length n.
+  /// r at n points, SIMD; arrays of length n.
   void evaluate(const double* theta_rad, const double* z_mm, std::size_t n, double* r_mm) const;
   SurfacePoint surface_point(double theta_rad, double z_mm) const;
   /// F restricted to [z_start_mm, z_end_mm] by knot insertion; the same function there.
@@ -71,9 +71,6 @@ class RangeFunction {
   Eigen::MatrixXd coefficients_;
 
   double u_of_z(double z_mm) const;
-  /// Sums over the four combinations of small and large degrees.
-  template <int kWidthU, int kWidthV>
-  void sum(const double* u, const double* v, std::size_t n, double* r_mm) const;
   IntervalBasis basis_u_, basis_v_;
   Eigen::MatrixXd padded_;  // coefficients with zero rows and columns for the padding of the bases
 };
