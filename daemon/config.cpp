@@ -1,7 +1,5 @@
 #include "daemon/config.h"
 
-#include <toml++/toml.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -9,6 +7,8 @@
 #include <string_view>
 
 #include <nlohmann/json.hpp>
+
+#include "acquisition/toml.h"
 
 namespace celadon {
 namespace {
@@ -132,14 +132,15 @@ bool starts_with_one_of(const std::string& url, std::initializer_list<const char
 }  // namespace
 
 tl::expected<void, ConfigError> read_config(const std::filesystem::path& file, Config& config) {
-  try {
-    read_root(toml::parse_file(file.string()), config);
-    return {};
-  } catch (const toml::parse_error& e) {
-    std::ostringstream where;
-    where << e.source().begin.line;
+  const toml::parse_result parsed = toml::parse_file(file.string());
+  if (!parsed) {
     return tl::make_unexpected(ConfigError{"The configuration " + file.string() + " cannot be read, line " +
-                                           where.str() + ": " + std::string(e.description()) + "."});
+                                           std::to_string(parsed.error().source().begin.line) + ": " +
+                                           std::string(parsed.error().description()) + "."});
+  }
+  try {
+    read_root(parsed.table(), config);
+    return {};
   } catch (const Problem& p) {
     return tl::make_unexpected(ConfigError{"The configuration " + file.string() + ", " + p.text});
   }

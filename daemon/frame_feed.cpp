@@ -20,6 +20,7 @@ std::string milliseconds(std::int64_t ns) {
 
 ScanStop stop_of(const DeviceError& error) {
   using Kind = DeviceError::Kind;
+  if (error.kind == Kind::interrupted) return cancelled_by("during \"" + error.operation + "\"");
   const bool lost = error.kind == Kind::lost || error.kind == Kind::timed_out || error.kind == Kind::not_found ||
                     error.kind == Kind::broken_reply || error.kind == Kind::system;
   return {ScanState::failed, error.message(), lost, false};

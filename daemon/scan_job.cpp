@@ -25,12 +25,15 @@ tl::unexpected<ScanStop> failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
 }
 
-/// Lasers off and motor stopped on every way out.
+/// Lasers off and motor stopped on every way out. Until then a cancel or the button also ends waits for a motion.
 class SafeOnExit {
  public:
-  explicit SafeOnExit(ScannerDevice& device) : device_(device) {}
+  SafeOnExit(ScannerDevice& device, ScanObserver& observer) : device_(device) {
+    device_.set_interrupt([&] { return observer.cancelled() || device.take_button_presses() > 0; });
+  }
   ~SafeOnExit() {
     if (!done_) device_.make_safe();
+    device_.set_interrupt({});
   }
   SafeOnExit(const SafeOnExit&) = delete;
   SafeOnExit& operator=(const SafeOnExit&) = delete;
@@ -192,7 +195,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   notes.simulated =
       equipment.device.identity().simulated || equipment.camera.mode().simulated || equipment.calibration.simulated;
   StageClock clock(notes.seconds);
-  SafeOnExit safe(equipment.device);
+  SafeOnExit safe(equipment.device, observer);
 
   // Make ready.
   observer.on_state(ScanState::preparing);

@@ -177,6 +177,7 @@ void ScanQueue::connect() {
     lamp_ = LampPattern::off;
     result_lamp_.reset();
     connection_->device->take_button_presses();
+    was_locked_ = false;
     const MutexLock lock(mutex_);
     machine_.connected = true;
     machine_.machine = identity.machine;
@@ -215,18 +216,17 @@ void ScanQueue::watch_machine() {
     lose_connection(status.error().message());
     return;
   }
-  note_status(*status);
   const bool unlocked_now = was_locked_ && !status->local_action_needed;
-  was_locked_ = status->local_action_needed;
-  const auto presses = connection_->device->take_button_presses();
+  note_status(*status);
+  // A press that unlocks the machine after a stop means "go on", not "scan".
+  const int presses = connection_->device->take_button_presses() - (unlocked_now ? 1 : 0);
 
   if (result_lamp_ && std::chrono::steady_clock::now() > result_lamp_end_) result_lamp_.reset();
   const bool unfit = status->local_action_needed || !status->interlock_closed || status->emergency_stop;
   const LampPattern idle = result_lamp_.value_or(LampPattern::ready);
   show_lamp(status->fault_code != 0 ? LampPattern::fault : unfit ? LampPattern::attention : idle);
 
-  // A press that unlocks the machine after a stop means "go on", not "scan".
-  if (presses == 0 || unlocked_now || status->local_action_needed) return;
+  if (presses <= 0 || status->local_action_needed) return;
   spdlog::info("button pressed");
   if (auto submitted = submit(options_.button_request, "button"); !submitted) {
     spdlog::warn("the button's scan was not taken: {}", submitted.error().detail);
@@ -308,6 +308,7 @@ void ScanQueue::show_lamp(LampPattern pattern) {
 // --- shared state ---
 
 void ScanQueue::note_status(const DeviceStatus& status) {
+  was_locked_ = status.local_action_needed;
   const MutexLock lock(mutex_);
   machine_.motion = motion_text(status.motion);
   machine_.angle_deg = std::remainder(status.angle_rad * 180 / std::numbers::pi, 360.);
@@ -322,20 +323,20 @@ void ScanQueue::save(const ScanRecord& record) {
 }
 
 void ScanQueue::change(std::uint64_t id, bool saved, const std::function<void(ScanRecord&)>& edit) {
-  ScanRecord copy;
   {
     const MutexLock lock(mutex_);
     ScanRecord& record = records_.at(id);
     edit(record);
     if (saved) save(record);
-    copy = record;
   }
-  tell(copy);
+  tell(id);
 }
 
-void ScanQueue::tell(const ScanRecord& record) {
+void ScanQueue::tell(std::uint64_t id) {
   const MutexLock lock(listeners_mutex_);
-  for (const auto& [id, listener] : listeners_) listener(record);
+  // The present record, read under the listeners' lock: two threads that tell at once never tell an older state last.
+  const auto record = scan(id);
+  for (const auto& [subscription, listener] : listeners_) listener(*record);
 }
 
 MachineState ScanQueue::machine() const {
@@ -372,7 +373,7 @@ tl::expected<ScanRecord, ServiceError> ScanQueue::submit(const ScanRequest& requ
     wake_.notify_all();
   }
   spdlog::info("scan {}: queued by {}", record.id, requested_by);
-  tell(record);
+  tell(record.id);
   return record;
 }
 
@@ -416,7 +417,7 @@ tl::expected<ScanRecord, ServiceError> ScanQueue::cancel(std::uint64_t id) {
     save(record);
     copy = record;
   }
-  tell(copy);
+  tell(id);
   return copy;
 }
 

@@ -66,7 +66,7 @@ class ScanQueue final : public ScanService {
   void note_status(const DeviceStatus& status) CELADON_EXCLUDES(mutex_);
   /// Changes a record, saves it if asked to, tells the listeners.
   void change(std::uint64_t id, bool save, const std::function<void(ScanRecord&)>& edit) CELADON_EXCLUDES(mutex_);
-  void tell(const ScanRecord& record) CELADON_EXCLUDES(listeners_mutex_);
+  void tell(std::uint64_t id) CELADON_EXCLUDES(listeners_mutex_, mutex_);
   void save(const ScanRecord& record) CELADON_REQUIRES(mutex_);
   bool stopping() const CELADON_EXCLUDES(mutex_);
   void sleep(std::chrono::nanoseconds time) CELADON_EXCLUDES(mutex_);
@@ -81,7 +81,7 @@ class ScanQueue final : public ScanService {
   LampPattern lamp_ = LampPattern::off;
   std::optional<LampPattern> result_lamp_;  ///< how the last scan ended, until result_lamp_end_
   std::chrono::steady_clock::time_point result_lamp_end_;
-  bool was_locked_ = false;
+  bool was_locked_ = false;  ///< the newest status asked for a press on the machine
 
   mutable Mutex mutex_;
   Condition wake_;

@@ -1,0 +1,284 @@
+#include "tests/daemon/fake_machine.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace celadon::testing {
+namespace {
+
+// The camera stands at y = -300, 60 mm above the platter, and looks along +y; the laser's plane holds the axis and
+// leaves it 30 degrees beside the camera.
+constexpr double kFocal_px = 500, kCx = 159.5, kCy = 119.5, kDistance_mm = 300, kHeight_mm = 60;
+const double kAside_rad = std::numbers::pi / 6;
+
+constexpr const char* kCameraName = "fake camera 1";
+
+class FakeTransport final : public Transport {
+ public:
+  explicit FakeTransport(FakeMachine& machine) : machine_(machine) {}
+  tl::expected<void, LinkError> read_inputs(std::uint16_t address, std::span<std::uint16_t> words) override {
+    return answer([&] { return machine_.read(protocol::Area::input, address, words); });
+  }
+  tl::expected<void, LinkError> read_holding(std::uint16_t address, std::span<std::uint16_t> words) override {
+    return answer([&] { return machine_.read(protocol::Area::holding, address, words); });
+  }
+  tl::expected<void, LinkError> write_holding(std::uint16_t address, std::span<const std::uint16_t> words) override {
+    return answer([&] { return machine_.write(address, words); });
+  }
+  tl::expected<void, LinkError> reconnect() override {
+    return answer([] { return protocol::Exception::none; });
+  }
+  const std::string& url() const override { return url_; }
+
+ private:
+  template <class Exchange>
+  tl::expected<void, LinkError> answer(Exchange exchange) {
+    if (machine_.link_down)
+      return tl::make_unexpected(LinkError{DeviceError::Kind::lost, ECONNRESET, "cable cut", true});
+    const auto exception = exchange();
+    if (exception == protocol::Exception::none) return {};
+    return tl::make_unexpected(LinkError{DeviceError::Kind::refused, static_cast<int>(exception), "refused", false});
+  }
+  FakeMachine& machine_;
+  const std::string url_ = "fake:machine";
+};
+
+class FakeClock final : public Clock {
+ public:
+  explicit FakeClock(FakeMachine& machine) : machine_(machine) {}
+  std::int64_t now_ns() override { return machine_.now_ns(); }
+  void sleep_until(std::int64_t time_ns) override {
+    const std::int64_t wait_ns = time_ns - machine_.now_ns();
+    if (wait_ns > 0) machine_.advance_to_us(static_cast<std::uint64_t>((time_ns - 5'000'000'000 + 999) / 1000));
+  }
+
+ private:
+  FakeMachine& machine_;
+};
+
+class FakeCamera final : public FrameSource, public FrameReturn {
+ public:
+  explicit FakeCamera(FakeMachine& machine) : machine_(machine), pixels_(FakeMachine::kWidth * FakeMachine::kHeight) {
+    mode_.width_px = FakeMachine::kWidth;
+    mode_.height_px = FakeMachine::kHeight;
+    mode_.stride_bytes = FakeMachine::kWidth;
+    mode_.frame_period_ns = FakeMachine::kPeriod_us * 1000;
+    mode_.exposure_ns = FakeMachine::kExposure_us * 1000;
+    mode_.identity = kCameraName;
+    mode_.simulated = true;
+  }
+  ~FakeCamera() override { machine_.stream(false); }
+  const CameraMode& mode() const override { return mode_; }
+  tl::expected<void, CameraError> start() override {
+    if (machine_.camera_unplugged) return unplugged();
+    machine_.stream(true);
+    return {};
+  }
+  void stop() noexcept override { machine_.stream(false); }
+  tl::expected<Frame, CameraError> next(std::int64_t timeout_ns) override {
+    if (machine_.camera_unplugged) return unplugged();
+    const auto shot = machine_.take_shot(timeout_ns / 1000);
+    if (!shot) return tl::make_unexpected(CameraError{CameraError::Kind::timed_out, 0, "no frame in time"});
+    machine_.draw(*shot, pixels_.data());
+    FrameInfo info;
+    info.sequence = shot->sequence;
+    info.stamp_ns = shot->stamp_us * 1000 + 5'000'000'000;
+    info.exposure_ns = mode_.exposure_ns;
+    info.lost_before = shot->lost_before;
+    const int every = machine_.corrupt_every;
+    info.corrupt = every > 0 && shot->sequence % static_cast<std::uint64_t>(every) == 0;
+    return Frame(this, 0, pixels_, info);
+  }
+  tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t) override { return mode_.exposure_ns; }
+  void give_back(std::uint32_t) noexcept override {}
+
+ private:
+  static tl::unexpected<CameraError> unplugged() {
+    return tl::make_unexpected(CameraError{CameraError::Kind::unplugged, ENODEV, "The camera was unplugged."});
+  }
+  FakeMachine& machine_;
+  CameraMode mode_;
+  std::vector<std::uint8_t> pixels_;
+};
+
+Measured exact(double value) {
+  return {value, 0};
+}
+
+}  // namespace
+
+FakeMachine::FakeMachine() : core_(test::test_config(), plant_, 1, 0) {}
+
+double FakeMachine::vase(double theta_rad, double z_mm) {
+  if (z_mm < 5 || z_mm > 100) return 0;
+  return 30 + 2 * std::cos(2 * theta_rad + 0.3) + 4 * std::sin(z_mm / 20);
+}
+
+void FakeMachine::press_button() {
+  const std::lock_guard lock(mutex_);
+  plant_.button = true;
+  core_.step(now_us_);
+  advance_locked(now_us_ + 100'000);
+  plant_.button = false;
+  core_.step(now_us_);
+  advance_locked(now_us_ + 100'000);
+}
+
+void FakeMachine::with_plant(const std::function<void(test::TestPlant&)>& change) {
+  const std::lock_guard lock(mutex_);
+  change(plant_);
+  core_.step(now_us_);
+}
+
+std::uint16_t FakeMachine::lasers() {
+  const std::lock_guard lock(mutex_);
+  return plant_.lasers;
+}
+
+LampPattern FakeMachine::lamp() {
+  const std::lock_guard lock(mutex_);
+  return plant_.lamp;
+}
+
+double FakeMachine::speed() {
+  const std::lock_guard lock(mutex_);
+  return plant_.speed_udeg(now_us_);
+}
+
+Calibration FakeMachine::calibration() const {
+  Calibration c;
+  c.machine = "Celadon test table 0001";
+  c.camera = kCameraName;
+  c.date = "2026-01-01T00:00:00Z";
+  c.simulated = true;
+  c.camera_model = {kWidth, kHeight, exact(kFocal_px), exact(kFocal_px), exact(kCx), exact(kCy), {}};
+  LaserPlane laser;
+  laser.normal_C = {std::cos(kAside_rad), 0, std::sin(kAside_rad)};
+  laser.distance_mm = std::sin(kAside_rad) * kDistance_mm;
+  c.lasers = {laser};
+  c.axis.X_CW.linear() << 1, 0, 0, 0, 0, -1, 0, 1, 0;
+  c.axis.X_CW.translation() << 0, kHeight_mm, kDistance_mm;
+  c.systematic_mm = 0.01;
+  c.time = {exact(0), exact(-0.5), exact(0)};
+  return c;
+}
+
+tl::expected<ScannerConnection, ConnectError> FakeMachine::connect(const Calibration& calibration) {
+  if (link_down) return tl::make_unexpected(ConnectError{"The machine does not answer: cable cut.", false});
+  ScannerConnection connection;
+  connection.clock = std::make_unique<FakeClock>(*this);
+  auto device = ScannerDevice::open(std::make_unique<FakeTransport>(*this), *connection.clock);
+  if (!device) return tl::make_unexpected(ConnectError{device.error().message(), false});
+  connection.device = std::move(*device);
+  connection.camera = std::make_unique<FakeCamera>(*this);
+  auto checked = check_calibration(calibration, connection.device->identity().machine, kCameraName, kWidth, kHeight);
+  if (!checked) return tl::make_unexpected(ConnectError{checked.error().message, true});
+  return connection;
+}
+
+std::int64_t FakeMachine::now_ns() {
+  const std::lock_guard lock(mutex_);
+  return kHostOffset_ns + static_cast<std::int64_t>(now_us_) * 1000;
+}
+
+void FakeMachine::advance_to_us(std::uint64_t time_us) {
+  const std::lock_guard lock(mutex_);
+  advance_locked(time_us);
+}
+
+void FakeMachine::advance_locked(std::uint64_t time_us) {
+  while (now_us_ < time_us) {
+    std::uint64_t next = std::min(time_us, now_us_ + 10'000);
+    if (core_.next_deadline_us() > now_us_) next = std::min(next, core_.next_deadline_us());
+    if (streaming_) next = std::min(next, next_middle_us_);
+    now_us_ = next;
+    core_.step(now_us_);
+    if (!streaming_ || now_us_ < next_middle_us_) continue;
+    next_middle_us_ += kPeriod_us;
+    const std::uint64_t sequence = sequence_++;
+    if (shots_.size() >= kBuffers || camera_silent) {
+      ++dropped_;
+      continue;
+    }
+    Shot shot;
+    shot.sequence = sequence;
+    shot.stamp_us = static_cast<std::int64_t>(now_us_) + kExposure_us / 2;
+    const double turned_deg = static_cast<double>(plant_.axis(0, now_us_).position_udeg) * 1e-6;
+    // A slip: the object lags behind the encoder, more with every turn.
+    shot.angle_rad = turned_deg * (1 - slip_per_turn_deg / 360) * std::numbers::pi / 180;
+    shot.lit = plant_.lasers != 0;
+    shot.lost_before = std::exchange(dropped_, 0);
+    shots_.push_back(shot);
+  }
+}
+
+protocol::Exception FakeMachine::read(protocol::Area area, std::uint16_t address, std::span<std::uint16_t> words) {
+  const std::lock_guard lock(mutex_);
+  advance_locked(now_us_ + kRequest_us);
+  const auto count = static_cast<std::uint16_t>(words.size());
+  return area == protocol::Area::input ? core_.read_input(now_us_, address, count, words.data())
+                                       : core_.read_holding(now_us_, address, count, words.data());
+}
+
+protocol::Exception FakeMachine::write(std::uint16_t address, std::span<const std::uint16_t> words) {
+  const std::lock_guard lock(mutex_);
+  advance_locked(now_us_ + kRequest_us);
+  return core_.write_holding(now_us_, address, static_cast<std::uint16_t>(words.size()), words.data());
+}
+
+void FakeMachine::stream(bool on) {
+  const std::lock_guard lock(mutex_);
+  if (on && !streaming_) next_middle_us_ = now_us_ + kPeriod_us;
+  streaming_ = on;
+  shots_.clear();
+  dropped_ = 0;
+}
+
+std::optional<FakeMachine::Shot> FakeMachine::take_shot(std::int64_t timeout_us) {
+  const std::lock_guard lock(mutex_);
+  const std::uint64_t end_us = now_us_ + static_cast<std::uint64_t>(timeout_us);
+  while (shots_.empty() || shots_.front().stamp_us > static_cast<std::int64_t>(now_us_)) {
+    if (now_us_ >= end_us) return std::nullopt;
+    const std::uint64_t wanted = shots_.empty() ? next_middle_us_ : static_cast<std::uint64_t>(shots_.front().stamp_us);
+    advance_locked(std::min(end_us, std::max(wanted, now_us_ + 1)));
+  }
+  const Shot shot = shots_.front();
+  shots_.pop_front();
+  return shot;
+}
+
+/// The line where the laser's plane meets the object, one Gaussian a row, on a background with fixed texture.
+void FakeMachine::draw(const Shot& shot, std::uint8_t* pixels) const {
+  std::uint32_t random = static_cast<std::uint32_t>(shot.sequence) * 2654435761u + 12345u;
+  const auto noise = [&] {
+    random = random * 1664525u + 1013904223u;
+    return static_cast<double>(random >> 24) / 256 * 4 - 2;
+  };
+  const double world = -std::numbers::pi / 2 + kAside_rad;  // direction of the laser's half plane
+  for (int row = 0; row < kHeight; ++row) {
+    double x = -1;
+    if (shot.lit && !camera_dark) {
+      const double down = (row - kCy) / kFocal_px;
+      double z = kHeight_mm, r = 30;
+      for (int i = 0; i < 40; ++i) {  // the row's ray meets the surface where z and r agree; a contraction
+        z = kHeight_mm - (kDistance_mm - r * std::cos(kAside_rad)) * down;
+        const double found = shape(world - shot.angle_rad, z);
+        if (found <= 0) {
+          r = 0;
+          break;
+        }
+        r = found;
+      }
+      if (r > 0) x = kCx + kFocal_px * r * std::sin(kAside_rad) / (kDistance_mm - r * std::cos(kAside_rad));
+    }
+    for (int column = 0; column < kWidth; ++column) {
+      const double off = (column - x) / 1.6;
+      const double line = x >= 0 ? 150 * std::exp(-off * off / 2) : 0;
+      pixels[row * kWidth + column] =
+          static_cast<std::uint8_t>(std::clamp(12 + (column % 7) + line + noise(), 0., 255.));
+    }
+  }
+}
+
+}  // namespace celadon::testing

@@ -1,0 +1,77 @@
+#pragma once
+// A turntable, a laser and a camera in closed form behind the daemon's real interfaces: a controller core on a plant,
+// reached through a Transport, and a FrameSource that draws the laser line. One device clock that moves by declared
+// waits, by frames and by the bus time of requests. Host and test share it under one lock.
+
+#include <atomic>
+#include <deque>
+#include <functional>
+#include <memory>
+#include <mutex>
+
+#include "acquisition/calibration.h"
+#include "acquisition/frame.h"
+#include "daemon/scanner_connection.h"
+#include "firmware_bridge/controller_core.h"
+#include "firmware_bridge/transport.h"
+#include "tests/firmware_bridge/test_plant.h"
+
+namespace celadon::testing {
+
+class FakeMachine {
+ public:
+  static constexpr int kWidth = 320, kHeight = 240;
+  static constexpr std::int64_t kPeriod_us = 20'000, kExposure_us = 4'000, kRequest_us = 300;
+  static constexpr std::size_t kBuffers = 4;  ///< of the driver; when all are full, newer frames are lost
+
+  FakeMachine();
+
+  // --- the object: range at (theta, z) in its own frame, 0 where there is nothing ---
+  std::function<double(double theta_rad, double z_mm)> shape = vase;
+  static double vase(double theta_rad, double z_mm);
+
+  // --- what the test does to it; at any time ---
+  void press_button();
+  void with_plant(const std::function<void(test::TestPlant&)>& change);
+  std::uint16_t lasers();
+  LampPattern lamp();
+  double speed();
+  std::atomic<bool> link_down = false, camera_silent = false, camera_unplugged = false, camera_dark = false;
+  std::atomic<int> corrupt_every = 0;  ///< frames
+  std::atomic<double> slip_per_turn_deg = 0;
+
+  Calibration calibration() const;
+  /// What a daemon connects to; the machine must outlive it.
+  tl::expected<ScannerConnection, ConnectError> connect(const Calibration& calibration);
+
+  // --- used by transport, clock and camera ---
+  std::int64_t now_ns();
+  void advance_to_us(std::uint64_t time_us);
+  protocol::Exception read(protocol::Area area, std::uint16_t address, std::span<std::uint16_t> words);
+  protocol::Exception write(std::uint16_t address, std::span<const std::uint16_t> words);
+  struct Shot {
+    std::uint64_t sequence = 0;
+    std::int64_t stamp_us = 0;
+    double angle_rad = 0;
+    bool lit = false;
+    std::uint32_t lost_before = 0;
+  };
+  void stream(bool on);
+  std::optional<Shot> take_shot(std::int64_t timeout_us);
+  void draw(const Shot& shot, std::uint8_t* pixels) const;
+
+ private:
+  void advance_locked(std::uint64_t time_us);
+
+  static constexpr std::int64_t kHostOffset_ns = 5'000'000'000;
+  std::mutex mutex_;
+  test::TestPlant plant_;
+  std::uint64_t now_us_ = 0;
+  ControllerCore core_;
+  bool streaming_ = false;
+  std::uint64_t next_middle_us_ = 0, sequence_ = 0;
+  std::uint32_t dropped_ = 0;
+  std::deque<Shot> shots_;
+};
+
+}  // namespace celadon::testing

@@ -1,0 +1,286 @@
+// Result files: every number comes back, fields are as documented, and a folder appears whole or not at all.
+
+#include "daemon/results.h"
+
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <csignal>
+#include <cstring>
+#include <set>
+
+#include <nlohmann/json.hpp>
+
+#include "daemon/surface_json.h"
+#include "tests/daemon/temporary_folder.h"
+
+namespace celadon {
+namespace {
+
+using nlohmann::json;
+using testing::read_bytes;
+using testing::TemporaryFolder;
+
+/// r = a + b cos(theta) built from coefficients at hand: degree (1, 1), enough for files.
+RangeFit sample_fit(double a = 30, double b = 1.0 / 3) {
+  BaseCylinder base;
+  base.z_start_mm = 5;
+  base.z_end_mm = 65;
+  Eigen::MatrixXd c(2, 5);
+  c << a, a + b, a - b, a, a, a + 1, a + b, a, a + b, a + 1;
+  RangeFit fit;
+  fit.function = RangeFunction(base, 1, 1, {0, 0, 1, 1}, {0, 0, 1, 2, 3, 4, 4}, c);
+  fit.surface = symbolic_product(fit.function);
+  fit.report.points = 1000;
+  fit.report.rejected = 3;
+  fit.report.unfollowable = 2;
+  fit.report.model = SurfaceModel::general;
+  fit.report.degree_u = 1;
+  fit.report.degree_v = 3;
+  fit.report.control_points_u = fit.surface.count_u();
+  fit.report.control_points_v = fit.surface.count_v();
+  fit.report.noise_mm = 0.02;
+  fit.report.kappa = 1.25;
+  fit.report.residual_mm = {0.02, 0.04, 0.1};
+  fit.report.geometric_mm = {0.019, 0.039, 0.09};
+  fit.report.coverage = 1;
+  fit.report.decided_by = "tolerance";
+  fit.report.stopped_by = "Cp";
+  fit.report.z_start_mm = 5;
+  fit.report.z_end_mm = 65;
+  fit.report.warnings = {"first"};
+  return fit;
+}
+
+SurfaceFile sample_file() {
+  const RangeFit fit = sample_fit();
+  return {fit.function, fit.surface, "vase \"1\"", "2026-01-02T03:04:05Z", true};
+}
+
+TEST(SurfaceJson, EveryNumberComesBack) {
+  const SurfaceFile file = sample_file();
+  const std::string text = format_surface_json(file);
+  const auto back = parse_surface_json(text, "surface.json");
+  ASSERT_TRUE(back) << back.error();
+  EXPECT_EQ(back->name, file.name);
+  EXPECT_EQ(back->date, file.date);
+  EXPECT_EQ(back->simulated, true);
+  EXPECT_EQ(back->function.coefficients(), file.function.coefficients());
+  EXPECT_EQ(back->function.knots_v(), file.function.knots_v());
+  EXPECT_EQ(back->surface.control_points, file.surface.control_points);
+  EXPECT_EQ(back->surface.knots_u, file.surface.knots_u);
+  EXPECT_EQ(back->surface.degree_v, file.surface.degree_v);
+  EXPECT_EQ(back->function.base().z_end_mm, 65);
+  EXPECT_EQ(format_surface_json(*back), text);
+}
+
+TEST(SurfaceJson, HoldsWhatTheGrammarNames) {
+  const json j = json::parse(format_surface_json(sample_file()));
+  EXPECT_EQ(j["format"], "celadon-surface");
+  EXPECT_EQ(j["version"], 1);
+  EXPECT_EQ(j["units"]["length"], "mm");
+  EXPECT_EQ(j["base"]["kind"], "cylinder");
+  EXPECT_EQ(j["base"]["arcs"], 4);
+  // The quarter circle's middle weight is cos 45 degrees, its middle control point at (w, w).
+  EXPECT_NEAR(j["base"]["control_points"][1][2], std::sqrt(0.5), 1e-15);
+  EXPECT_NEAR(j["base"]["control_points"][1][0], std::sqrt(0.5), 1e-15);
+  EXPECT_EQ(j["range_function"]["coefficients"][0][1], 30 + 1.0 / 3);
+  EXPECT_EQ(j["base"]["frame"]["z"], json({0.0, 0.0, 1.0}));
+}
+
+TEST(SurfaceJson, NamesWhatIsWrong) {
+  const json good = json::parse(format_surface_json(sample_file()));
+  struct Case {
+    const char* pointer;
+    json value;
+    const char* says;
+  };
+  const Case cases[] = {
+      {"/version", 2, "version"},
+      {"/format", "stl", "format"},
+      {"/surface/degree_u", 99, "surface.degree_u is 99"},
+      {"/surface/knots_u", json::array({0, 1}), "surface.knots_u"},
+      {"/surface/knots_u/1", 0.5, "surface.knots_u"},
+      {"/surface/control_points/0/0/3", 0, "surface.control_points[0][0]"},
+      {"/surface/control_points/0", json::array(), "surface.control_points[0]"},
+      {"/range_function/coefficients/1/2", "x", "range_function.coefficients[1][2]"},
+      {"/range_function/knots_v/3", -1, "range_function.knots_v"},
+      {"/base/kind", "sphere", "base.kind"},
+      {"/base/z_end_mm", -5, "base.z_end_mm"},
+      {"/base/frame/z", json::array({0, 0, -1}), "base.frame"},
+      {"/base/arcs", 7, "base.arcs"},
+      {"/simulated", "no", "simulated"},
+  };
+  for (const Case& c : cases) {
+    json bad = good;
+    bad[json::json_pointer(c.pointer)] = c.value;
+    const auto read = parse_surface_json(bad.dump(), "bad.json");
+    ASSERT_FALSE(read) << c.pointer;
+    EXPECT_NE(read.error().find(c.says), std::string::npos) << read.error();
+    EXPECT_EQ(read.error().rfind("bad.json: ", 0), 0u) << read.error();
+  }
+  json missing = good;
+  missing["base"].erase("z_start_mm");
+  EXPECT_NE(parse_surface_json(missing.dump(), "f").error().find("base.z_start_mm is missing"), std::string::npos);
+  EXPECT_FALSE(parse_surface_json("", "f"));
+  EXPECT_FALSE(parse_surface_json("{\"version\": 1e999}", "f"));
+  EXPECT_FALSE(parse_surface_json(std::string(100'000, '['), "f"));
+  EXPECT_FALSE(read_surface_json("/absent/surface.json"));
+}
+
+RC_GTEST_PROP(SurfaceJson, DoublesAreExact, ()) {
+  const auto bits = *rc::gen::arbitrary<std::uint64_t>();
+  double x = 0;
+  std::memcpy(&x, &bits, sizeof x);
+  RC_PRE(std::isfinite(x));
+  SurfaceFile file = sample_file();
+  file.surface.control_points(0, 0) = x;
+  const auto back = parse_surface_json(format_surface_json(file), "f");
+  RC_ASSERT(back.has_value());
+  RC_ASSERT(std::memcmp(&back->surface.control_points(0, 0), &x, sizeof x) == 0);
+}
+
+RC_GTEST_PROP(SurfaceJson, GarbledTextIsASentenceNotACrash, ()) {
+  std::string text = format_surface_json(sample_file());
+  for (int k = *rc::gen::inRange(1, 6); k > 0; --k) {
+    text[*rc::gen::inRange<std::size_t>(0, text.size())] = static_cast<char>(*rc::gen::inRange(32, 127));
+  }
+  if (*rc::gen::arbitrary<bool>()) text.resize(*rc::gen::inRange<std::size_t>(0, text.size()));
+  const auto read = parse_surface_json(text, "f");
+  RC_ASSERT(read.has_value() || read.error().rfind("f: ", 0) == 0);
+}
+
+TEST(Report, HasExactlyTheDocumentedFields) {
+  ResultNotes notes;
+  notes.name = "vase";
+  notes.simulated = true;
+  notes.warnings = {"second"};
+  notes.seconds = {{"prepare", 1}, {"scan", 2}};
+  notes.truth_mm = TruthError{-0.001, 0.002, 0.01};
+  notes.scan = ScanCounters{"sweep", 1200, 1230, 1, 2, 3, 4};
+  notes.closure_mm = ClosureError{0.001, 0.02, 5000};
+  notes.solid = CadResult{1234.5, true, 3};
+  const json j = json::parse(format_report(sample_fit(), notes));
+  std::set<std::string> names;
+  for (const auto& [key, value] : j.items()) names.insert(key);
+  EXPECT_EQ(names, (std::set<std::string>{"format",      "version",      "units",          "name",       "date",
+                                          "machine",     "simulated",    "points",         "rejected",   "unfollowable",
+                                          "model",       "degree",       "control_points", "noise_mm",   "kappa",
+                                          "residual_mm", "geometric_mm", "coverage",       "decided_by", "stopped_by",
+                                          "frame",       "band_mm",      "cut_mm",         "size_mm",    "warnings",
+                                          "seconds",     "truth_mm",     "scan",           "closure_mm", "solid"}));
+  // RESULTS.md names every one of them.
+  const std::string document = read_bytes(std::filesystem::path(CELADON_SOURCE_DIR) / "daemon/RESULTS.md");
+  for (const std::string& name : names) EXPECT_NE(document.find("`" + name + "`"), std::string::npos) << name;
+  EXPECT_EQ(j["simulated"], true);
+  EXPECT_EQ(j["degree"], json({1, 3}));
+  EXPECT_EQ(j["residual_mm"], json({{"rms", 0.02}, {"p95", 0.04}, {"max", 0.1}}));
+  EXPECT_EQ(j["frame"]["origin"], json({0.0, 0.0, 0.0}));
+  EXPECT_EQ(j["frame"]["z"], json({0.0, 0.0, 1.0}));
+  EXPECT_EQ(j["warnings"], json({"first", "second"}));
+  EXPECT_EQ(j["seconds"]["scan"], 2.0);
+  EXPECT_EQ(j["truth_mm"]["bias"], -0.001);
+  EXPECT_NEAR(j["size_mm"][2].get<double>(), 60, 1e-9);
+  EXPECT_NEAR(j["size_mm"][0].get<double>(), 61, 1);
+  const json plain = json::parse(format_report(sample_fit(), {}));
+  for (const char* name : {"truth_mm", "scan", "closure_mm", "solid"}) EXPECT_FALSE(plain.contains(name));
+}
+
+TEST(Results, FormatsFollowFromNames) {
+  EXPECT_EQ(result_format_of("a/cup.step"), ResultFormat::step);
+  EXPECT_EQ(result_format_of("cup.stp"), ResultFormat::step);
+  EXPECT_EQ(result_format_of("cup.stl"), ResultFormat::stl);
+  EXPECT_EQ(result_format_of("surface.json"), ResultFormat::surface_json);
+  EXPECT_EQ(result_format_of("cup.report.json"), ResultFormat::report_json);
+  EXPECT_EQ(result_format_of("report.json"), ResultFormat::report_json);
+  EXPECT_FALSE(result_format_of("cup.dwg"));
+  for (const char* name : {"step", "stl", "ply", "surface.json", "report.json"}) {
+    ASSERT_TRUE(result_format_from(name)) << name;
+    EXPECT_STREQ(to_string(*result_format_from(name)), name);
+  }
+}
+
+TEST(Results, TheFolderHoldsWhatWasAskedForAndTheReport) {
+  const TemporaryFolder folder;
+  ResultNotes notes;
+  notes.name = "vase";
+  const auto names = write_results(sample_fit(), {ResultFormat::ply, ResultFormat::stl}, folder / "results", notes);
+  ASSERT_TRUE(names) << names.error().message;
+  EXPECT_EQ(*names, (std::vector<std::string>{"vase.stl", "vase.ply", "report.json"}));
+  std::set<std::string> found;
+  for (const auto& entry : std::filesystem::directory_iterator(folder / "results")) {
+    found.insert(entry.path().filename());
+  }
+  EXPECT_EQ(found, (std::set<std::string>{"vase.stl", "vase.ply", "report.json"}));
+  EXPECT_EQ(read_bytes(folder / "results/vase.ply").substr(0, 3), "ply");
+  EXPECT_FALSE(std::filesystem::exists(folder / "results.part"));
+  const auto again = write_results(sample_fit(), {}, folder / "results", notes);
+  ASSERT_FALSE(again);
+  EXPECT_EQ(again.error().exit_code, 2);
+}
+
+TEST(Results, AFullDiskLeavesNothingUnderTheFinalName) {
+  const TemporaryFolder folder;
+  const pid_t child = fork();
+  ASSERT_GE(child, 0);
+  if (child == 0) {
+    std::signal(SIGXFSZ, SIG_IGN);
+    const rlimit limit{10'000, 10'000};
+    setrlimit(RLIMIT_FSIZE, &limit);
+    ResultNotes notes;
+    const auto names =
+        write_results(sample_fit(), {ResultFormat::surface_json, ResultFormat::stl}, folder / "results", notes);
+    _exit(!names && names.error().exit_code == 4 && names.error().message.find("object.stl") != std::string::npos ? 0
+                                                                                                                  : 1);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  EXPECT_EQ(WEXITSTATUS(status), 0);
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path()));
+}
+
+// A daemon killed at any moment: the folder is not there, or it is whole. The child is killed after a growing number of
+// its own file operations, counted by where it stops to be told.
+TEST(Results, AKilledWriterLeavesTheFolderWholeOrAbsent) {
+  int absent = 0, whole = 0;
+  for (int delay_us = 0; delay_us < 40'000 && (absent < 8 || whole < 3); delay_us += 500) {
+    const TemporaryFolder folder;
+    int ready[2];
+    ASSERT_EQ(pipe(ready), 0);
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      ResultNotes notes;
+      const RangeFit fit = sample_fit();
+      [[maybe_unused]] const auto told = write(ready[1], "x", 1);
+      (void)write_results(fit, {ResultFormat::surface_json, ResultFormat::stl, ResultFormat::ply}, folder / "results",
+                          notes);
+      _exit(0);
+    }
+    char byte = 0;
+    ASSERT_EQ(read(ready[0], &byte, 1), 1);
+    usleep(static_cast<useconds_t>(delay_us));  // no deadline: any moment will do
+    kill(child, SIGKILL);
+    waitpid(child, nullptr, 0);
+    close(ready[0]);
+    close(ready[1]);
+    if (!std::filesystem::exists(folder / "results")) {
+      ++absent;
+      continue;
+    }
+    ++whole;
+    for (const char* name : {"surface.json", "object.stl", "object.ply", "report.json"}) {
+      ASSERT_TRUE(std::filesystem::exists(folder / "results" / name)) << name;
+    }
+    EXPECT_TRUE(read_surface_json(folder / "results/surface.json"));
+    EXPECT_FALSE(json::parse(read_bytes(folder / "results/report.json"), nullptr, false).is_discarded());
+  }
+  EXPECT_GT(absent, 0);
+}
+
+}  // namespace
+}  // namespace celadon

@@ -1,0 +1,251 @@
+// Requests from the network, configuration files and the store: what is wrong is named, what is right comes back.
+
+#include <gtest/gtest.h>
+#include <rapidcheck/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "daemon/config.h"
+#include "daemon/profile_log.h"
+#include "daemon/scan_service.h"
+#include "daemon/scan_store.h"
+#include "tests/daemon/temporary_folder.h"
+
+namespace celadon {
+namespace {
+
+using nlohmann::json;
+using testing::TemporaryFolder;
+using testing::write_bytes;
+
+TEST(ScanState, NamesComeBack) {
+  for (int i = 0; i <= static_cast<int>(ScanState::interrupted); ++i) {
+    const auto state = static_cast<ScanState>(i);
+    EXPECT_EQ(scan_state_from(to_string(state)), state);
+  }
+  EXPECT_FALSE(scan_state_from("running"));
+}
+
+TEST(ScanRequestJson, EmptyMeansTheDefaults) {
+  const auto request = scan_request_from_json(json::object());
+  ASSERT_TRUE(request);
+  EXPECT_EQ(request->mode, ScanMode::sweep);
+  EXPECT_EQ(request->profiles, 1200);
+  EXPECT_EQ(request->model, "auto");
+  EXPECT_EQ(request->formats.size(), 4u);
+}
+
+TEST(ScanRequestJson, EveryFieldComesBack) {
+  ScanRecord record;
+  record.request.name = "vase 2.b";
+  record.request.mode = ScanMode::step;
+  record.request.profiles = 16;
+  record.request.exposure_ms = 1.25;
+  record.request.model = "revolution";
+  record.request.tolerance_mm = 0.1;
+  record.request.form_tolerance_mm = 0.05;
+  record.request.degree_u = 5;
+  record.request.degree_v = 1;
+  record.request.formats = {"stl"};
+  const auto back = scan_request_from_json(to_json(record)["request"]);
+  ASSERT_TRUE(back) << back.error().detail;
+  ScanRecord again;
+  again.request = *back;
+  EXPECT_EQ(to_json(again), to_json(record));
+}
+
+TEST(ScanRequestJson, NamesWhatIsWrong) {
+  struct Case {
+    const char* body;
+    const char* says;
+  };
+  const Case cases[] = {
+      {R"([])", "JSON object"},
+      {R"({"speed": 3})", "'speed' is not a field"},
+      {R"({"name": "../../etc/passwd"})", "name is"},
+      {R"({"name": ".hidden"})", "name is"},
+      {R"({"name": 7})", "name is 7"},
+      {R"({"mode": "fast"})", "mode is \"fast\""},
+      {R"({"profiles": 15})", "profiles is 15; give a whole number from 16 to 100000"},
+      {R"({"profiles": 18446744073709551615})", "profiles is 18446744073709551615"},
+      {R"({"profiles": 100.5})", "profiles is 100.5"},
+      {R"({"profiles": "100"})", "profiles is \"100\""},
+      {R"({"exposure_ms": -1})", "exposure_ms is -1"},
+      {R"({"exposure_ms": 1e300})", "exposure_ms"},
+      {R"({"model": "sphere"})", "model is \"sphere\""},
+      {R"({"tolerance_mm": true})", "tolerance_mm is true"},
+      {R"({"form_tolerance_mm": -0.1})", "form_tolerance_mm is -0.1"},
+      {R"({"degree_u": 0})", "degree_u is 0"},
+      {R"({"degree_v": 6})", "degree_v is 6"},
+      {R"({"formats": "step"})", "formats is \"step\""},
+      {R"({"formats": ["iges"]})", "formats is \"iges\""},
+  };
+  for (const Case& c : cases) {
+    const auto request = scan_request_from_json(json::parse(c.body));
+    ASSERT_FALSE(request) << c.body;
+    EXPECT_NE(request.error().detail.find(c.says), std::string::npos) << request.error().detail;
+    EXPECT_GE(request.error().status, 400);
+    EXPECT_LT(request.error().status, 500);
+  }
+  const auto longest = scan_request_from_json(json{{"name", std::string(65, 'a')}});
+  EXPECT_FALSE(longest);
+  EXPECT_TRUE(scan_request_from_json(json{{"name", std::string(64, 'a')}}));
+}
+
+// --- configuration ---
+
+TEST(Config, ReadsEveryKey) {
+  const TemporaryFolder folder;
+  write_bytes(folder / "celadond.toml", R"(
+device = "modbus-rtu:/dev/ttyUSB0"
+camera = "v4l2:/dev/video0"
+calibration = "/etc/celadon/calibration.toml"
+store = "/var/lib/celadon"
+log_level = "debug"
+[http]
+address = "127.0.0.1"
+port = 8080
+unix_socket = "/run/celadon.sock"
+[scan]
+profiles = 720
+mode = "step"
+formats = ["step", "ply"]
+[volume]
+r_min_mm = 1
+r_max_mm = 100.5
+z_min_mm = 2
+z_max_mm = 200
+)");
+  Config config;
+  const auto read = read_config(folder / "celadond.toml", config);
+  ASSERT_TRUE(read) << read.error().message;
+  ASSERT_TRUE(check_config(config));
+  EXPECT_EQ(config.device, "modbus-rtu:/dev/ttyUSB0");
+  EXPECT_EQ(config.http_port, 8080);
+  EXPECT_EQ(config.unix_socket, "/run/celadon.sock");
+  EXPECT_EQ(config.scan.profiles, 720);
+  EXPECT_EQ(config.scan.mode, ScanMode::step);
+  EXPECT_EQ(config.volume.r_max_mm, 100.5);
+}
+
+TEST(Config, NamesFileLineAndKey) {
+  struct Case {
+    const char* text;
+    const char* says;
+  };
+  const Case cases[] = {
+      {"device = 3\n", "line 1: device is not a text"},
+      {"\ndevise = \"x\"\n", "line 2: 'devise' is not known"},
+      {"[http]\nport = 70000\n", "line 2: http.port"},
+      {"[http]\nhost = \"x\"\n", "http.host is not known"},
+      {"[volume]\nr_max_mm = \"wide\"\n", "line 2: volume.r_max_mm"},
+      {"[scan]\nprofiles = 3\n", "profiles is 3"},
+      {"[scan]\nspeed = 3\n", "'speed'"},
+      {"http = 3\n", "http is not a section"},
+      {"device = \"unterminated\n", "line 1"},
+  };
+  for (const Case& c : cases) {
+    const TemporaryFolder folder;
+    write_bytes(folder / "c.toml", c.text);
+    Config config;
+    const auto read = read_config(folder / "c.toml", config);
+    ASSERT_FALSE(read) << c.text;
+    EXPECT_NE(read.error().message.find(c.says), std::string::npos) << read.error().message;
+    EXPECT_NE(read.error().message.find("c.toml"), std::string::npos);
+  }
+  Config config;
+  EXPECT_FALSE(read_config("/absent.toml", config));
+}
+
+TEST(Config, SaysWhatIsMissing) {
+  Config config;
+  EXPECT_NE(check_config(config).error().message.find("--device"), std::string::npos);
+  config.device = "modbus-tcp://localhost";
+  EXPECT_NE(check_config(config).error().message.find("--camera"), std::string::npos);
+  config.camera = "webcam";
+  EXPECT_NE(check_config(config).error().message.find("'webcam'"), std::string::npos);
+  config.camera = "sim:/tmp/x";
+  EXPECT_NE(check_config(config).error().message.find("--calibration"), std::string::npos);
+  config.calibration = "c";
+  EXPECT_NE(check_config(config).error().message.find("--store"), std::string::npos);
+  config.store = "s";
+  EXPECT_TRUE(check_config(config));
+  config.volume.r_max_mm = 0;
+  EXPECT_NE(check_config(config).error().message.find("r_max_mm"), std::string::npos);
+}
+
+// --- store ---
+
+TEST(ScanStore, NumbersAreNeverUsedAgain) {
+  const TemporaryFolder folder;
+  {
+    auto store = ScanStore::open(folder / "store");
+    ASSERT_TRUE(store) << store.error().message;
+    EXPECT_EQ(store->new_scan().value(), 1u);
+    EXPECT_EQ(store->new_scan().value(), 2u);
+    std::filesystem::remove_all(store->scan_folder(2));
+  }
+  auto store = ScanStore::open(folder / "store");
+  ASSERT_TRUE(store);
+  EXPECT_EQ(store->new_scan().value(), 3u);
+}
+
+TEST(ScanStore, OneDaemonAtATime) {
+  const TemporaryFolder folder;
+  const auto first = ScanStore::open(folder / "store");
+  ASSERT_TRUE(first);
+  const auto second = ScanStore::open(folder / "store");
+  ASSERT_FALSE(second);
+  EXPECT_NE(second.error().message.find("another celadond"), std::string::npos) << second.error().message;
+}
+
+TEST(ScanStore, ScansUnderWayBecomeInterruptedWithWhatTheirLogHolds) {
+  const TemporaryFolder folder;
+  {
+    auto store = ScanStore::open(folder / "store");
+    ASSERT_TRUE(store);
+    ScanRecord record;
+    record.id = *store->new_scan();
+    record.state = ScanState::scanning;
+    record.created = "2026-01-02T03:04:05Z";
+    ASSERT_TRUE(store->save(record));
+    auto log = ProfileLogWriter::create(store->log_file(record.id), {});
+    Profile p;
+    p.r_mm = {30, 30};
+    p.theta_rad = p.z_mm = {1, 2};
+    ASSERT_TRUE((*log)->append(p));
+    record.id = *store->new_scan();
+    record.state = ScanState::done;
+    record.files = {"report.json"};
+    ASSERT_TRUE(store->save(record));
+  }
+  for (int start = 0; start < 2; ++start) {  // and stays so
+    auto store = ScanStore::open(folder / "store");
+    std::vector<std::string> problems;
+    const auto records = store->load(problems);
+    EXPECT_TRUE(problems.empty());
+    ASSERT_EQ(records.size(), 2u);
+    EXPECT_EQ(records[0].state, ScanState::interrupted);
+    EXPECT_NE(records[0].reason.find("1 profiles with 2 samples"), std::string::npos) << records[0].reason;
+    EXPECT_EQ(records[1].state, ScanState::done);
+    EXPECT_EQ(records[1].files, std::vector<std::string>{"report.json"});
+    EXPECT_EQ(records[1].folder, folder / "store/scans/000002/results");
+  }
+}
+
+TEST(ScanStore, DamagedRecordsAreLeftAloneAndNamed) {
+  const TemporaryFolder folder;
+  std::filesystem::create_directories(folder / "store/scans/000007");
+  std::filesystem::create_directories(folder / "store/scans/000008");
+  write_bytes(folder / "store/scans/000007/scan.json", "{\"version\": 1, ");
+  auto store = ScanStore::open(folder / "store");
+  std::vector<std::string> problems;
+  EXPECT_TRUE(store->load(problems).empty());
+  ASSERT_EQ(problems.size(), 2u);
+  EXPECT_NE((problems[0] + problems[1]).find("000007"), std::string::npos);
+  EXPECT_EQ(testing::read_bytes(folder / "store/scans/000007/scan.json"), "{\"version\": 1, ");
+  EXPECT_EQ(store->new_scan().value(), 9u);
+}
+
+}  // namespace
+}  // namespace celadon
