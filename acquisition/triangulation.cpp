@@ -14,6 +14,8 @@ namespace {
 constexpr double kSmallestSigmaPx = 1e-4;
 /// A line breaks where it steps by more than this beyond what its slope explains.
 constexpr float kJumpPx = 4;
+/// The angle is asked for at instants this far apart and taken as linear between: at 10 rad/s^2 that is 3e-7 rad.
+constexpr double kAngleStepNs = 500'000;
 /// Rows without a line that a run passes over: single speckle grains, not edges.
 constexpr std::size_t kLongestDropout = 2;
 
@@ -126,8 +128,17 @@ Triangulator::Counts Triangulator::triangulate(std::span<const LineRow> rows, co
   const Angle middle = angle_at(profile.time_ns);
   profile.table_angle_rad = middle ? turn_ * middle->angle_rad : 0;
 
+  // Rows that share two instants of the table's motion.
+  const double line_time_ns = std::abs(time_.line_time_ns.value);
+  const std::size_t block = line_time_ns * static_cast<double>(rows.size()) <= kAngleStepNs
+                                ? std::max<std::size_t>(rows.size(), 1)
+                                : std::max<std::size_t>(static_cast<std::size_t>(kAngleStepNs / line_time_ns), 1);
+  std::vector<Angle> angles;
+  for (std::size_t first = 0; first < rows.size() + block; first += block) {
+    angles.push_back(line_time_ns == 0 ? middle : angle_at(row_instant_ns(frame, static_cast<double>(first))));
+  }
+
   Counts counts;
-  const bool one_instant = time_.line_time_ns.value == 0;
   const std::vector<bool> edge = edge_rows(rows, width_px_);
   for (std::size_t i = 0; i < rows.size(); ++i) {
     const LineRow& row = rows[i];
@@ -142,18 +153,20 @@ Triangulator::Counts Triangulator::triangulate(std::span<const LineRow> rows, co
       ++counts.outside;
       continue;
     }
-    const Angle angle = one_instant ? middle : angle_at(row_instant_ns(frame, static_cast<double>(i)));
-    if (!angle) {
+    const Angle &before = angles[i / block], &after = angles[i / block + 1];
+    if (!before || !after) {
       ++counts.no_angle;
       continue;
     }
+    const double share = static_cast<double>(i % block) / static_cast<double>(block);
+    const double table_rad = turn_ * (before->angle_rad + share * (after->angle_rad - before->angle_rad));
     const double sigma_px = std::max<double>(row.sigma_px, kSmallestSigmaPx), variance_px = sigma_px * sigma_px;
     // The table turns by `smear` while the row is exposed; where in it the light came from is unknown.
-    const double sigma_turn = turn_ * angle->sigma_rad;
-    const double smear = turn_ * angle->speed_rad_per_s * static_cast<double>(frame.exposure_ns) * 1e-9;
+    const double sigma_turn = turn_ * std::max(before->sigma_rad, after->sigma_rad);
+    const double smear = turn_ * before->speed_rad_per_s * static_cast<double>(frame.exposure_ns) * 1e-9;
     const double turn_variance = sigma_turn * sigma_turn + smear * smear / 12;
     profile.r_mm.push_back(p.r_mm);
-    profile.theta_rad.push_back(wrapped(p.theta_rad - turn_ * angle->angle_rad));
+    profile.theta_rad.push_back(wrapped(p.theta_rad - table_rad));
     profile.z_mm.push_back(p.z_mm);
     profile.covariance.push_back({.rr = static_cast<float>(p.r_by_x * p.r_by_x * variance_px),
                                   .rt = static_cast<float>(p.r_by_x * p.theta_by_x * variance_px),

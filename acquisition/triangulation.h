@@ -38,8 +38,9 @@ class Triangulator {
   /// Fills r, theta, z, covariance and row of `profile`, its table_angle_rad and time_ns (of the middle row; the angle
   /// counter-clockwise in the scanner frame: direction and encoder scale applied). The other fields are left.
   /// `angle_at(instant_ns)` gives the encoder's angle at each row's own instant as AngleAtInstant or
-  /// tl::expected<AngleAtInstant, const char*>. The rows on both sides of a jump of the line are dropped (mixed
-  /// pixels).
+  /// tl::expected<AngleAtInstant, const char*>; it is asked at row instants at most 0.5 ms apart (up to 0.5 ms after
+  /// the last row), and the angle is linear between them. The rows on both sides of a jump of the line are dropped
+  /// (mixed pixels).
   /// @pre rows[i] is row i of the calibrated camera's image; at most 65535 rows
   template <class AngleAt>
   Counts triangulate(std::span<const LineRow> rows, const FrameInfo& frame, AngleAt&& angle_at,
