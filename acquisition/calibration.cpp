@@ -13,195 +13,19 @@
 #include <string_view>
 #include <system_error>
 
-#define TOML_EXCEPTIONS 0
-#define TOML_HEADER_ONLY 1
-#include <toml++/toml.h>
-
 #include "acquisition/lens.h"
+#include "acquisition/toml_section.h"
 
 namespace celadon {
 namespace {
+
+using namespace checked_toml;
 
 constexpr std::size_t kLargestFile = std::size_t{1} << 20;
 constexpr double kUnitTolerance = 1e-9;
 constexpr int kMajor = 1, kMinor = 0;
 constexpr const char* kFormat = "celadon-calibration";
 constexpr std::array<const char*, 5> kDistortionKeys{"k1", "k2", "p1", "p2", "k3"};
-
-/// Leaves the parser; caught in parse_calibration, never seen outside this file.
-struct Refusal {
-  std::string message;
-};
-
-/// Shortest decimals that read back as the same double, always with a mark of a TOML float.
-std::string number_text(double value) {
-  std::array<char, 32> buffer;
-  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value).ptr;
-  std::string text(buffer.data(), end);
-  if (text.find_first_of(".en") == std::string::npos) text += ".0";
-  return text;
-}
-
-std::string quoted(const std::string& text) {
-  std::string out(1, '"');
-  for (const char c : text) {
-    if (c == '"' || c == '\\') {
-      out += '\\';
-      out += c;
-    } else if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) {
-      std::array<char, 8> escape;
-      std::snprintf(escape.data(), escape.size(), "\\u%04X", static_cast<unsigned>(c));
-      out += escape.data();
-    } else {
-      out += c;
-    }
-  }
-  return out + '"';
-}
-
-/// The part of a text that an error message can quote.
-std::string excerpt(std::string_view text) {
-  return quoted(std::string(text.substr(0, 60))) + (text.size() > 60 ? "..." : "");
-}
-
-std::string value_text(const toml::node& node) {
-  if (const auto* text = node.as_string()) return excerpt(text->get());
-  if (const auto* real = node.as_floating_point()) return number_text(real->get());
-  if (const auto* whole = node.as_integer()) return std::to_string(whole->get());
-  if (const auto* truth = node.as_boolean()) return truth->get() ? "true" : "false";
-  if (node.is_array()) return "an array of " + std::to_string(node.as_array()->size());
-  if (node.is_table()) return "a table";
-  return "a date or time";
-}
-
-/// One table of the file: hands out checked values, knows where it is for messages, and which keys were asked for.
-class Section {
- public:
-  Section(const toml::table& table, std::string file, std::string path)
-      : table_(&table), file_(std::move(file)), path_(std::move(path)) {}
-
-  [[noreturn]] void refuse(const toml::node& where, const std::string& field, const std::string& why) const {
-    throw Refusal{file_ + ", line " + std::to_string(where.source().begin.line) + ", " + full(field) + ": " + why};
-  }
-
-  const toml::node& node(const std::string& key) {
-    used_.insert(key);
-    const toml::node* found = table_->get(key);
-    if (found == nullptr) {
-      refuse(*table_, key, "is missing; add it as CALIBRATION.md describes, or calibrate again");
-    }
-    return *found;
-  }
-
-  Section section(const std::string& key) {
-    const toml::node& found = node(key);
-    if (!found.is_table()) refuse(found, key, "is " + value_text(found) + " and must be a table");
-    return {*found.as_table(), file_, full(key)};
-  }
-
-  std::string text(const std::string& key) {
-    const toml::node& found = node(key);
-    if (!found.is_string()) refuse(found, key, "is " + value_text(found) + " and must be a text in quotes");
-    if (found.as_string()->get().empty()) refuse(found, key, "is an empty text; name it");
-    return found.as_string()->get();
-  }
-
-  bool boolean(const std::string& key) {
-    const toml::node& found = node(key);
-    if (!found.is_boolean()) refuse(found, key, "is " + value_text(found) + " and must be true or false");
-    return found.as_boolean()->get();
-  }
-
-  int integer(const std::string& key, int smallest, int largest) {
-    const toml::node& found = node(key);
-    const auto* whole = found.as_integer();
-    if (whole == nullptr || whole->get() < smallest || whole->get() > largest) {
-      refuse(found, key,
-             "is " + value_text(found) + " and must be a whole number from " + std::to_string(smallest) + " to " +
-                 std::to_string(largest));
-    }
-    return static_cast<int>(whole->get());
-  }
-
-  double number(const std::string& key) { return number_of(node(key), key); }
-
-  double uncertainty(const std::string& key) {
-    const double u = number(key);
-    if (u < 0) refuse(node(key), key, "is " + number_text(u) + " and a standard uncertainty cannot be negative");
-    return u;
-  }
-
-  Measured measured(const std::string& key) {
-    Section pair = section(key);
-    const Measured out{pair.number("value"), pair.uncertainty("u")};
-    pair.finish(newer_);
-    return out;
-  }
-
-  Measured positive(const std::string& key) {
-    const Measured out = measured(key);
-    if (out.value <= 0) refuse(node(key), key + ".value", "is " + number_text(out.value) + " and must be above 0");
-    return out;
-  }
-
-  Eigen::Vector3d vector(const std::string& key) { return vector_of(node(key), key); }
-
-  Eigen::Matrix3d matrix(const std::string& key) {
-    const toml::node& found = node(key);
-    const auto* rows = found.as_array();
-    if (rows == nullptr || rows->size() != 3) {
-      refuse(found, key, "is " + value_text(found) + " and must be an array of three rows");
-    }
-    Eigen::Matrix3d out;
-    for (std::size_t i = 0; i < 3; ++i) {
-      out.row(static_cast<Eigen::Index>(i)) = vector_of(*rows->get(i), key + "[" + std::to_string(i) + "]").transpose();
-    }
-    return out;
-  }
-
-  /// Refuses keys nobody asked for, unless the file is of a newer minor version.
-  void finish(bool newer) const {
-    if (newer) return;
-    for (const auto& [key, value] : *table_) {
-      if (!used_.contains(std::string(key.str()))) {
-        refuse(value, excerpt(key.str()), "is not a key of version 1.0; correct its spelling or remove it");
-      }
-    }
-  }
-
-  void set_newer(bool newer) { newer_ = newer; }
-
- private:
-  std::string full(const std::string& field) const { return path_.empty() ? field : path_ + "." + field; }
-
-  double number_of(const toml::node& found, const std::string& field) const {
-    double value = 0;
-    if (const auto* real = found.as_floating_point()) {
-      value = real->get();
-    } else if (const auto* whole = found.as_integer()) {
-      value = static_cast<double>(whole->get());
-    } else {
-      refuse(found, field, "is " + value_text(found) + " and must be a number");
-    }
-    if (!std::isfinite(value))
-      refuse(found, field, "is " + number_text(value) + " and must be finite; calibrate again");
-    return value;
-  }
-
-  Eigen::Vector3d vector_of(const toml::node& found, const std::string& field) const {
-    const auto* items = found.as_array();
-    if (items == nullptr || items->size() != 3) {
-      refuse(found, field, "is " + value_text(found) + " and must be an array of three numbers");
-    }
-    return {number_of(*items->get(0), field + "[0]"), number_of(*items->get(1), field + "[1]"),
-            number_of(*items->get(2), field + "[2]")};
-  }
-
-  const toml::table* table_;
-  std::string file_, path_;
-  std::set<std::string> used_;
-  bool newer_ = false;
-};
 
 bool is_date(const std::string& text) {
   const auto digits = [&](std::size_t from, std::size_t count) {
@@ -248,9 +72,8 @@ bool check_version(Section& root) {
   return minor > kMinor;
 }
 
-CameraModel camera_of(Section& root, bool newer) {
+CameraModel camera_of(Section& root) {
   Section section = root.section("camera_model");
-  section.set_newer(newer);
   CameraModel camera;
   camera.width_px = section.integer("width_px", 1, 65535);
   camera.height_px = section.integer("height_px", 1, 65535);
@@ -273,11 +96,11 @@ CameraModel camera_of(Section& root, bool newer) {
                    "describe a distortion that folds the image over inside its border, so that pixels have no single "
                    "ray; calibrate the camera again with the board near every corner");
   }
-  section.finish(newer);
+  section.finish();
   return camera;
 }
 
-LaserPlane laser_of(Section section, bool newer) {
+LaserPlane laser_of(Section section) {
   LaserPlane plane;
   plane.laser = section.integer("number", 0, 255);
   plane.normal_C = section.vector("normal");
@@ -295,7 +118,7 @@ LaserPlane laser_of(Section section, bool newer) {
   }
   plane.u_normal_rad = section.uncertainty("u_normal_rad");
   plane.u_distance_mm = section.uncertainty("u_distance_mm");
-  section.finish(newer);
+  section.finish();
   return plane;
 }
 
@@ -308,7 +131,7 @@ std::vector<LaserPlane> lasers_of(Section& root, const std::string& name, bool n
   std::vector<LaserPlane> lasers;
   for (std::size_t i = 0; i < tables->size(); ++i) {
     const toml::table& table = *tables->get(i)->as_table();
-    lasers.push_back(laser_of({table, name, "laser[" + std::to_string(i) + "]"}, newer));
+    lasers.push_back(laser_of({table, name, "laser[" + std::to_string(i) + "]", newer}));
     const int number = lasers.back().laser;
     if (std::count_if(lasers.begin(), lasers.end(), [&](const LaserPlane& l) { return l.laser == number; }) > 1) {
       root.refuse(table, "laser[" + std::to_string(i) + "].number",
@@ -318,7 +141,7 @@ std::vector<LaserPlane> lasers_of(Section& root, const std::string& name, bool n
   return lasers;
 }
 
-AxisPose axis_of(Section& root, bool newer) {
+AxisPose axis_of(Section& root) {
   Section section = root.section("axis");
   AxisPose axis;
   const Eigen::Matrix3d rotation = section.matrix("rotation");
@@ -336,7 +159,7 @@ AxisPose axis_of(Section& root, bool newer) {
   axis.X_CW.translation() = section.vector("translation_mm");
   axis.u_direction_rad = section.uncertainty("u_direction_rad");
   axis.u_position_mm = section.uncertainty("u_position_mm");
-  section.finish(newer);
+  section.finish();
   return axis;
 }
 
@@ -353,30 +176,27 @@ Calibration calibration_of(const toml::table& table, const std::string& name) {
                 "is " + excerpt(out.date) + " and must be ISO 8601 in UTC, such as \"2025-03-31T14:05:00Z\"");
   }
   out.simulated = root.boolean("simulated");
-  out.camera_model = camera_of(root, newer);
+  out.camera_model = camera_of(root);
   out.lasers = lasers_of(root, name, newer);
-  out.axis = axis_of(root, newer);
+  out.axis = axis_of(root);
 
   Section encoder = root.section("encoder");
-  encoder.set_newer(newer);
   out.encoder_scale = encoder.positive("scale");
   out.direction = encoder.number("direction");
   if (out.direction != 1 && out.direction != -1) {
     encoder.refuse(encoder.node("direction"), "direction", "is " + number_text(out.direction) + " and must be 1 or -1");
   }
-  encoder.finish(newer);
+  encoder.finish();
 
   Section geometry = root.section("geometry");
-  geometry.set_newer(newer);
   out.scale = geometry.positive("scale");
   out.systematic_mm = geometry.uncertainty("systematic_mm");
-  geometry.finish(newer);
+  geometry.finish();
 
   Section time = root.section("time");
-  time.set_newer(newer);
   out.time = {time.measured("stamp_offset_ns"), time.measured("exposure_factor"), time.measured("line_time_ns")};
-  time.finish(newer);
-  root.finish(newer);
+  time.finish();
+  root.finish();
   return out;
 }
 
