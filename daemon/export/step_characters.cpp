@@ -1,11 +1,7 @@
-// The text level of ISO 10303-21: strings and reals.
+#include "daemon/export/step_characters.h"
 
 #include <charconv>
 #include <cstdint>
-#include <string>
-#include <string_view>
-
-#include "daemon/export/step_text.h"
 
 namespace celadon {
 namespace {

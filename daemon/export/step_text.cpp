@@ -25,6 +25,8 @@
 #include <XSControl_WorkSession.hxx>
 #include <sstream>
 
+#include "daemon/export/step_characters.h"
+
 namespace celadon {
 namespace {
 
