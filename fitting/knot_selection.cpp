@@ -1,105 +1,20 @@
 #include "fitting/knot_selection.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdio>
-#include <map>
+#include <limits>
 #include <utility>
-
-#include "fitting/prolongation.h"
 
 namespace celadon {
 namespace {
 
 // Sums resolve residuals of this size relative to the range.
 constexpr double kResolution = 2e-8;
-// With fewer samples an unknown, Cp itself is too uncertain to choose by.
-constexpr double kSamplesPerUnknown = 3;
-
-// Refine the solution of a regularised system towards the plain least-squares one: the energy decides only what the
-// samples leave open.
-void remove_bias(const NormalEquations& equations, NormalSolver& solver, Eigen::MatrixXd& free) {
-  for (int k = 0; k < 2; ++k)
-    if (const auto step = solver.apply_inverse(equations.gradient(free))) free += *step;
-}
-
-class Search {
- public:
-  Search(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference, const KnotOptions& options)
-      : sums_(sums), ladder_(ladder), reference_(reference), options_(options) {
-    const double n = reference.equations.weight();
-    penalty_ = 2 * reference.kappa * reference.noise_variance();
-    const double resolved = kResolution * reference.equations.mean_range();
-    floor_ = n * resolved * resolved;
-  }
-
-  struct Member {
-    double cp = 0, percentile95 = 0;
-    bool determined = false;
-  };
-  using Levels = std::pair<int, int>;
-
-  bool allowed(Levels at) const {
-    if (at.first < 0 || at.second < 0 || at.first >= ladder_.levels_u() || at.second >= ladder_.levels_v())
-      return false;
-    if (!options_.variation.along_u && at.first != ladder_.levels_u() - 1) return false;
-    if (!options_.variation.around_v && at.second != ladder_.levels_v() - 1) return false;
-    if (options_.level_u && at.first != *options_.level_u && options_.variation.along_u) return false;
-    if (options_.level_v && at.second != *options_.level_v && options_.variation.around_v) return false;
-    return true;
-  }
-  bool affordable(Levels at) const {
-    return kSamplesPerUnknown * ladder_.unknowns(at.first, at.second, options_.variation) <=
-           reference_.equations.weight();
-  }
-
-  const Member& evaluate(Levels at) {
-    const auto [entry, fresh] = members_.try_emplace(at);
-    if (!fresh) return entry->second;
-    Member& member = entry->second;
-    auto fit = solve_member(sums_, ladder_, at.first, at.second, options_.variation);
-    if (!fit) return member;
-    member.determined = true;
-    fit->residual_square = residual_square(*fit);
-    fit->cp = std::max(fit->residual_square, floor_) + penalty_ * fit->parameters;
-    member.cp = fit->cp;
-    if (options_.tolerance_mm > 0)
-      member.percentile95 = options_.percentile95 ? options_.percentile95(range_function(*fit->equations, fit->free))
-                                                  : 1.96 * std::sqrt(fit->residual_square / fit->equations->weight());
-    if (!best_ || fit->cp < best_->cp) best_ = std::move(fit);
-    return member;
-  }
-
-  // Nested in the reference: its exact residuals and what the difference adds; else from the sums.
-  double residual_square(const LadderFit& fit) const {
-    const auto& general = reference_.equations;
-    if (fit.level_u < reference_.level_u || fit.level_v < reference_.level_v)
-      return fit.equations->residual_square(fit.free);
-    const auto &space = fit.equations->space(), &fine = general.space();
-    const Eigen::MatrixXd difference = reference_.free - map(space.u, fine.u, prolong_u_, fit.level_u) * fit.free *
-                                                             map(space.v, fine.v, prolong_v_, fit.level_v).transpose();
-    return reference_.residual_square + general.quadratic(difference) +
-           2 * difference.cwiseProduct(general.gradient(reference_.free)).sum();
-  }
-
-  std::optional<LadderFit> best_;
-  std::map<Levels, Member> members_;
-  double penalty_ = 0, floor_ = 0;
-
- private:
-  using Maps = std::map<std::pair<int, int>, Eigen::MatrixXd>;
-  static const Eigen::MatrixXd& map(const RangeSpace& coarse, const RangeSpace& fine, Maps& maps, int level) {
-    const auto [entry, fresh] = maps.try_emplace({level, coarse.degree()});
-    if (fresh) entry->second = prolongation(coarse, fine);
-    return entry->second;
-  }
-  const MomentGrid& sums_;
-  const FitLadder& ladder_;
-  const ReferenceFit& reference_;
-  const KnotOptions& options_;
-  mutable Maps prolong_u_, prolong_v_;
-};
+// With fewer samples an unknown, Cp itself is too uncertain to choose by; and a noise estimate too low.
+constexpr double kSamplesPerUnknown = 3, kSamplesPerNoiseUnknown = 10;
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr LadderLevels kSteps[] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
 
 std::string text(const char* format, double a, double b) {
   std::array<char, 240> buffer;
@@ -107,173 +22,209 @@ std::string text(const char* format, double a, double b) {
   return buffer.data();
 }
 
-// Add bending energy as long as Cp falls: by factors of about three up from a trifle.
-void smooth(LadderFit& fit, const Search& search, double start) {
-  const auto& equations = *fit.equations;
-  LadderFit best_values;
-  bool found = false;
-  double best_cp = fit.cp;
+// Add bending energy as long as Cp falls: by factors of about three up from `start`. Returns the least Cp.
+double smooth(LadderFit& fit, double penalty, double start) {
+  const NormalEquations& equations = *fit.equations;
+  const Eigen::MatrixXd plain = fit.free, gradient = equations.gradient(plain);
+  const double plain_square = fit.residual_square;
+  double best = fit.residual_square + penalty * fit.parameters;
   int rises = 0;
+  bool found = false;
+  SmoothingBasis basis(equations);
   for (double weight = start; weight < 1 && rises < 2; weight *= std::sqrt(10.0)) {
-    NormalSolver solver(equations, weight);
+    NormalSolver solver(equations, weight, {.tolerance = 1e-9, .basis = &basis});
     const auto free = solver.solve();
     if (!free) break;
-    const double rss = fit.residual_square + equations.quadratic(fit.free - *free) +
-                       2 * (fit.free - *free).cwiseProduct(equations.gradient(fit.free)).sum();
+    const Eigen::MatrixXd change = plain - *free;
+    const double rss = plain_square + equations.quadratic(change) + 2 * change.cwiseProduct(gradient).sum();
     const double parameters = solver.effective_parameters();
-    const double cp = std::max(rss, search.floor_) + search.penalty_ * parameters;
-    if (cp < best_cp) {
-      best_cp = cp;
-      best_values.free = *free;
-      best_values.smoothing = weight;
-      best_values.residual_square = rss;
-      best_values.parameters = parameters;
+    const double cp = rss + penalty * parameters;
+    if (cp < best) {
+      best = cp;
       found = true;
       rises = 0;
-    } else if (found || cp > 1.05 * best_cp) {
+      fit.free = *free;
+      fit.smoothing = weight;
+      fit.residual_square = rss;
+      fit.parameters = parameters;
+    } else if (found || cp > 1.05 * best) {
       ++rises;
     }
   }
-  if (!found) return;
-  fit.free = best_values.free;
-  fit.smoothing = best_values.smoothing;
-  fit.residual_square = best_values.residual_square;
-  fit.parameters = best_values.parameters;
-  fit.cp = best_cp;
+  return best;
 }
 
 }  // namespace
 
-std::optional<LadderFit> solve_member(const MomentGrid& sums, const FitLadder& ladder, int level_u, int level_v,
+std::optional<LadderFit> solve_member(const MomentGrid& sums, const FitLadder& ladder, LadderLevels levels,
                                       Variation variation) {
   LadderFit fit;
-  fit.equations = std::make_unique<NormalEquations>(sums, ladder.space(level_u, level_v, variation));
-  fit.level_u = level_u;
-  fit.level_v = level_v;
-  const bool gaps = fit.equations->empty_cells() > 0;
-  NormalSolver::Options options;
-  options.direct = gaps;
-  NormalSolver plain(*fit.equations, gaps ? kVanishingWeight : 0, options);
-  auto free = plain.solve();
-  if (free && gaps) remove_bias(*fit.equations, plain, *free);
-  if (!free && !gaps) {  // full cells, yet too few samples in them
-    NormalSolver bridged(*fit.equations, kVanishingWeight, {.direct = true});
+  fit.equations = std::make_unique<NormalEquations>(sums, ladder.space(levels.u, levels.v, variation));
+  fit.levels = levels;
+  const NormalEquations& equations = *fit.equations;
+  std::optional<Eigen::MatrixXd> free;
+  if (equations.empty_cells() == 0) free = NormalSolver(equations).solve();
+  if (!free) {
+    // The energy shall decide only what the samples leave open: two steps back towards plain least squares.
+    NormalSolver bridged(equations, kVanishingWeight, {.direct = true});
     free = bridged.solve();
-    if (free) remove_bias(*fit.equations, bridged, *free);
+    for (int k = 0; free && k < 2; ++k)
+      if (const auto step = bridged.apply_inverse(equations.gradient(*free))) *free += *step;
   }
   if (!free || !free->allFinite()) return std::nullopt;
   fit.free = std::move(*free);
-  fit.parameters = fit.equations->supported_unknowns();
-  fit.residual_square = fit.equations->residual_square(fit.free);
+  fit.parameters = equations.supported_unknowns();
+  fit.residual_square = equations.residual_square(fit.free);
   return fit;
 }
 
-std::optional<LadderFit> select_knots(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference,
-                                      const KnotOptions& options) {
-  Search search(sums, ladder, reference, options);
-  const Search::Levels coarsest{
-      options.level_u && options.variation.along_u ? *options.level_u : ladder.levels_u() - 1,
-      options.level_v && options.variation.around_v ? *options.level_v : ladder.levels_v() - 1};
-  const double tolerance = options.tolerance_mm;
-  std::optional<Search::Levels> held;  // the first member that holds the tolerance
-  const auto holds = [&](Search::Levels at) {
-    return tolerance > 0 && search.evaluate(at).determined && search.evaluate(at).percentile95 <= tolerance;
-  };
+const LadderSearch::Member& LadderSearch::member(LadderLevels levels, Variation variation) {
+  if (!variation.along_u) levels.u = coarsest().u;
+  if (!variation.around_v) levels.v = coarsest().v;
+  const auto [entry, fresh] = members_.try_emplace({levels.u, levels.v, variation.along_u, variation.around_v});
+  if (fresh) {
+    if (const auto fit = solve_member(sums_, ladder_, levels, variation))
+      entry->second = {fit->residual_square, fit->parameters, true};
+  }
+  return entry->second;
+}
 
-  // Both directions together, until Cp has risen twice in a row; then each direction alone from the best.
-  Search::Levels at = coarsest, best = coarsest;
-  double best_cp = 0;
-  bool any = false;
+bool LadderSearch::exists(LadderLevels at, Variation variation) const {
+  const LadderLevels end = coarsest();
+  return at.u >= 0 && at.v >= 0 && at.u <= end.u && at.v <= end.v && (variation.along_u || at.u == end.u) &&
+         (variation.around_v || at.v == end.v);
+}
+
+// Down from the coarsest member in both directions together until the cost has risen twice in a row, then in each
+// direction alone from the best. Stops at the first member that is good enough, and coarsens that as far as it stays
+// so.
+std::optional<LadderLevels> LadderSearch::descend(Variation variation, double samples_per_unknown, const Cost& cost,
+                                                  const std::function<bool(LadderLevels)>& good_enough) {
+  const auto affordable = [&](LadderLevels at) {
+    return samples_per_unknown * ladder_.unknowns(at.u, at.v, variation) <= static_cast<double>(sums_.samples());
+  };
+  LadderLevels at = coarsest(), best = at;
+  double least = kInfinity;
+  bool held = false;
   for (int rises = 0; rises < 2;) {
-    const auto& member = search.evaluate(at);
-    if (holds(at)) {
-      held = at;
-      break;
-    }
-    if (member.determined && (!any || member.cp < best_cp)) {
-      best_cp = member.cp, best = at, any = true, rises = 0;
+    const double here = cost(at);
+    if (here < least) {
+      least = here, best = at, rises = 0;
     } else {
       ++rises;
     }
-    Search::Levels next{at.first - 1, at.second - 1};
-    if (!search.allowed({next.first, at.second})) next.first = at.first;
-    if (!search.allowed({at.first, next.second})) next.second = at.second;
-    if (next == at || !search.affordable(next)) break;
+    if (good_enough && good_enough(at)) {
+      best = at, held = true;
+      break;
+    }
+    LadderLevels next{at.u - 1, at.v - 1};
+    if (!exists({next.u, at.v}, variation)) next.u = at.u;
+    if (!exists({at.u, next.v}, variation)) next.v = at.v;
+    if (next == at || !affordable(next)) break;
     at = next;
   }
-  if (held) {  // coarsen each direction while the tolerance holds
-    for (bool moved = true; moved;) {
-      moved = false;
-      for (const Search::Levels& step : {Search::Levels{1, 0}, Search::Levels{0, 1}}) {
-        const Search::Levels next{held->first + step.first, held->second + step.second};
-        if (search.allowed(next) && holds(next)) held = next, moved = true;
-      }
+  for (bool moved = true; moved;) {
+    moved = false;
+    for (const LadderLevels& step : kSteps) {
+      const LadderLevels next{best.u + step.u, best.v + step.v};
+      const bool finer = step.u + step.v < 0;
+      if (!exists(next, variation) || (finer && (held || !affordable(next)))) continue;
+      if (held ? !good_enough(next) : !(cost(next) < least)) continue;
+      if (!held) least = cost(next);
+      best = next;
+      moved = true;
     }
-    best = *held;
-  } else if (any) {
-    for (bool moved = true; moved;) {
-      moved = false;
-      for (const Search::Levels& step :
-           {Search::Levels{1, 0}, Search::Levels{0, 1}, Search::Levels{-1, 0}, Search::Levels{0, -1}}) {
-        const Search::Levels next{best.first + step.first, best.second + step.second};
-        if (!search.allowed(next) || (step.first + step.second < 0 && !search.affordable(next))) continue;
-        const auto& member = search.evaluate(next);
-        if (member.determined && member.cp < best_cp) best_cp = member.cp, best = next, moved = true;
-        if (holds(next) && !held) held = next;
-      }
-    }
-    if (held) best = *held;
   }
-  if (!any && !held) return std::nullopt;
+  if (!held && least == kInfinity) return std::nullopt;
+  return best;
+}
 
-  std::optional<LadderFit> result;
-  if (search.best_ && search.best_->level_u == best.first && search.best_->level_v == best.second) {
-    result = std::move(search.best_);
-  } else {
-    result = solve_member(sums, ladder, best.first, best.second, options.variation);
-    if (!result) return std::nullopt;
-    result->residual_square = search.residual_square(*result);
-    result->cp = std::max(result->residual_square, search.floor_) + search.penalty_ * result->parameters;
-  }
-  const bool varies = options.variation.along_u || options.variation.around_v;
-  const bool finest =
-      (!options.variation.along_u || best.first == 0) && (!options.variation.around_v || best.second == 0);
+double LadderSearch::floor() const {
+  const double weight = sums_.sum_weight();
+  const double resolved = weight > 0 ? kResolution * sums_.sum_weighted_range() / weight : 0;
+  return weight * resolved * resolved;
+}
+
+LadderSearch::Candidate LadderSearch::best_for_white_noise() {
+  const double n = static_cast<double>(sums_.samples()), least = floor();
+  Candidate best{coarsest(), {}};
+  double best_score = kInfinity;
+  for (const bool around : {false, true})
+    for (const bool along : {false, true}) {
+      const Variation variation{along, around};
+      const Cost score = [&](LadderLevels at) {
+        const Member& m = member(at, variation);
+        const double left = n - m.parameters;
+        return m.determined && left > 0 ? std::max(m.residual_square, least) / (left * left) : kInfinity;
+      };
+      const auto levels = descend(variation, kSamplesPerNoiseUnknown, score, {});
+      if (!levels || !(score(*levels) < best_score)) continue;
+      best = {*levels, variation};
+      best_score = score(*levels);
+    }
+  return best;
+}
+
+std::optional<LadderSearch::Choice> LadderSearch::select(const Options& options) {
+  const Variation variation = options.variation;
+  const double penalty = 2 * options.kappa * options.noise_variance, least = floor();
+  const Cost cp = [&](LadderLevels at) {
+    const Member& m = member(at, variation);
+    return m.determined ? std::max(m.residual_square, least) + penalty * m.parameters : kInfinity;
+  };
+  std::map<LadderLevels, double> percentiles;
+  const auto percentile = [&](const LadderFit& fit) {
+    if (options.percentile95) return options.percentile95(range_function(*fit.equations, fit.free));
+    return 1.96 * std::sqrt(fit.residual_square / fit.equations->weight());
+  };
+  const auto holds = [&](LadderLevels at) {
+    const auto [entry, fresh] = percentiles.try_emplace(at, kInfinity);
+    if (fresh)
+      if (const auto fit = solve_member(sums_, ladder_, at, variation)) entry->second = percentile(*fit);
+    return entry->second <= options.tolerance_mm;
+  };
+  std::function<bool(LadderLevels)> good_enough;
+  if (options.tolerance_mm > 0) good_enough = holds;
+  const auto levels = options.fixed ? options.fixed : descend(variation, kSamplesPerUnknown, cp, good_enough);
+  if (!levels) return std::nullopt;
+  auto fit = solve_member(sums_, ladder_, *levels, variation);
+  if (!fit) return std::nullopt;
+  Choice choice{std::move(*fit), {}};
+
+  const bool varies = variation.along_u || variation.around_v;
+  const bool finest = (!variation.along_u || levels->u == 0) && (!variation.around_v || levels->v == 0);
+  const bool exact = choice.fit.residual_square <= least;
+  const bool held = options.tolerance_mm > 0 && percentile(choice.fit) <= options.tolerance_mm;
   if (!varies) {
-    result->stopped_by = "a cylinder has no knots to refine";
-  } else if (options.level_u) {
-    result->stopped_by = "intervals as given";
+    choice.stopped_by = "a cylinder has no knots to refine";
+  } else if (options.fixed) {
+    choice.stopped_by = "intervals as given";
   } else if (held) {
-    result->stopped_by =
-        text("tolerance: 95th percentile %.3g mm within %.3g mm", search.evaluate(best).percentile95, tolerance);
-  } else if (result->residual_square <= search.floor_) {
-    result->stopped_by = "the residuals vanish to the resolution of the sums";
+    choice.stopped_by =
+        text("tolerance: 95th percentile %.3g mm within %.3g mm", percentile(choice.fit), options.tolerance_mm);
+  } else if (exact) {
+    choice.stopped_by = "the residuals vanish to the resolution of the sums";
   } else if (finest) {
-    result->stopped_by = "the finest intervals of the sums";
+    choice.stopped_by = "the finest intervals of the sums";
   } else {
-    result->stopped_by = "Mallows' Cp stopped falling";
+    choice.stopped_by = "Mallows' Cp stopped falling";
   }
-  if (tolerance > 0 && !held && varies)
-    result->stopped_by += text("; the tolerance of %.3g mm was not reached (95th percentile %.3g mm)", tolerance,
-                               search.evaluate(best).percentile95);
+  if (options.tolerance_mm > 0 && !held)
+    choice.stopped_by += text("; the tolerance of %.3g mm was not reached (95th percentile %.3g mm)",
+                              options.tolerance_mm, percentile(choice.fit));
+  if (!options.smoothing || !varies || exact || held) return choice;
 
-  const bool noisy = result->residual_square > search.floor_;
-  if (options.smoothing && varies && noisy && !held) {
-    smooth(*result, search, 1e-7);
-    // Smoothing may pay more with one refinement further than the samples alone carry.
-    const Search::Levels finer{options.variation.along_u ? best.first - 1 : best.first,
-                               options.variation.around_v ? best.second - 1 : best.second};
-    if (!options.level_u && search.allowed(finer) && search.affordable(finer) && result->smoothing > 0)
-      if (auto other = solve_member(sums, ladder, finer.first, finer.second, options.variation)) {
-        other->residual_square = search.residual_square(*other);
-        other->cp = std::max(other->residual_square, search.floor_) + search.penalty_ * other->parameters;
-        smooth(*other, search, result->smoothing / 10);
-        if (other->cp < result->cp) {
-          other->stopped_by = result->stopped_by;
-          result = std::move(other);
-        }
-      }
-  }
-  return result;
+  const double smoothed = smooth(choice.fit, penalty, 1e-7);
+  // With smoothing, one refinement further than the samples alone carry may pay.
+  const LadderLevels finer{variation.along_u ? levels->u - 1 : levels->u,
+                           variation.around_v ? levels->v - 1 : levels->v};
+  const bool affordable =
+      kSamplesPerUnknown * ladder_.unknowns(std::max(finer.u, 0), std::max(finer.v, 0), variation) <=
+      static_cast<double>(sums_.samples());
+  if (options.fixed || choice.fit.smoothing == 0 || !exists(finer, variation) || !affordable) return choice;
+  if (auto other = solve_member(sums_, ladder_, finer, variation))
+    if (smooth(*other, penalty, choice.fit.smoothing / 10) < smoothed) choice.fit = std::move(*other);
+  return choice;
 }
 
 }  // namespace celadon

@@ -3,45 +3,86 @@
 // that holds a tolerance. Source: README.md, "Knots".
 
 #include <Eigen/Core>
+#include <array>
 #include <functional>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
 
 #include "fitting/fit_ladder.h"
-#include "fitting/model_selection.h"
 #include "fitting/normal_solver.h"
 
 namespace celadon {
+
+/// The weight that bridges gaps and touches nothing else, relative to the traces.
+inline constexpr double kVanishingWeight = 1e-8;
+
+/// Levels of both directions.
+struct LadderLevels {
+  int u = 0, v = 0;
+  auto operator<=>(const LadderLevels&) const = default;
+};
 
 /// A solved member of the ladder.
 struct LadderFit {
   std::unique_ptr<NormalEquations> equations;
   Eigen::MatrixXd free;
-  int level_u = 0, level_v = 0;
-  double residual_square = 0, parameters = 0, cp = 0;
+  LadderLevels levels;
+  double residual_square = 0, parameters = 0;
   double smoothing = 0;  ///< relative weight of the bending energy
-  std::string stopped_by;
 };
 
-struct KnotOptions {
-  Variation variation;
-  double tolerance_mm = 0;
-  bool smoothing = true;
-  std::optional<int> level_u, level_v;  ///< fixed
-  /// 95th percentile of |e| of a fit; by default 1.96 times its RMS.
-  std::function<double(const RangeFunction&)> percentile95;
-};
-
-/// The weight that bridges gaps and touches nothing else, relative to the traces.
-inline constexpr double kVanishingWeight = 1e-8;
-
-/// One member, with a vanishing energy where samples are missing. Null: not determined.
-std::optional<LadderFit> solve_member(const MomentGrid& sums, const FitLadder& ladder, int level_u, int level_v,
+/// One member, with a vanishing energy where samples are missing. nullopt: not determined.
+std::optional<LadderFit> solve_member(const MomentGrid& sums, const FitLadder& ladder, LadderLevels levels,
                                       Variation variation);
 
-/// `reference` gives the noise, and its exact residuals those of every member nested in it.
-std::optional<LadderFit> select_knots(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference,
-                                      const KnotOptions& options);
+/// The ladder of one set of sums; what a member leaves over is computed once.
+class LadderSearch {
+ public:
+  LadderSearch(const MomentGrid& sums, const FitLadder& ladder) : sums_(sums), ladder_(ladder) {}
+
+  struct Member {
+    double residual_square = 0, parameters = 0;
+    bool determined = false;
+  };
+  const Member& member(LadderLevels levels, Variation variation);
+
+  /// The member, of any model, that predicts best if the noise is independent (least generalised cross validation)
+  /// among those with ten samples an unknown: where the noise is estimated.
+  struct Candidate {
+    LadderLevels levels;
+    Variation variation;
+  };
+  Candidate best_for_white_noise();
+
+  struct Options {
+    Variation variation;
+    double noise_variance = 0, kappa = 1;
+    double tolerance_mm = 0;
+    bool smoothing = true;
+    std::optional<LadderLevels> fixed;
+    /// 95th percentile of |e| of a fit; by default 1.96 times its RMS.
+    std::function<double(const RangeFunction&)> percentile95;
+  };
+  struct Choice {
+    LadderFit fit;
+    std::string stopped_by;
+  };
+  /// The member with the least Cp, or the coarsest that holds the tolerance. nullopt: the samples determine none.
+  std::optional<Choice> select(const Options& options);
+
+ private:
+  using Cost = std::function<double(LadderLevels)>;
+  bool exists(LadderLevels levels, Variation variation) const;
+  LadderLevels coarsest() const { return {ladder_.levels_u() - 1, ladder_.levels_v() - 1}; }
+  std::optional<LadderLevels> descend(Variation variation, double samples_per_unknown, const Cost& cost,
+                                      const std::function<bool(LadderLevels)>& good_enough);
+  double floor() const;
+
+  const MomentGrid& sums_;
+  const FitLadder& ladder_;
+  std::map<std::array<int, 4>, Member> members_;
+};
 
 }  // namespace celadon

@@ -61,7 +61,7 @@ class Deviations {
         scale(i, j) = d > 0 ? gu(i, i) * gv(j, j) / d : 1e300;
       }
     const Eigen::MatrixXd spread = u_.values * scale * v_.values.transpose();
-    sd_ = (spread.cwiseMax(0).cwiseProduct(u_.leverage * v_.leverage.transpose()) * reference.noise_variance() *
+    sd_ = (spread.cwiseMax(0).cwiseProduct(u_.leverage * v_.leverage.transpose()) * reference.noise_variance *
            reference.kappa)
               .cwiseSqrt();
   }
@@ -95,11 +95,6 @@ std::string sentence(SurfaceModel model, const Evidence& e, double delta) {
 
 }  // namespace
 
-double ReferenceFit::noise_variance() const {
-  const double n = equations.weight(), p = equations.supported_unknowns();
-  return residual_square / std::max(n - kappa * p, 0.05 * n);
-}
-
 Variation variation_of(SurfaceModel model) {
   return {model != SurfaceModel::cylinder && model != SurfaceModel::translational,
           model != SurfaceModel::cylinder && model != SurfaceModel::revolution};
@@ -117,7 +112,7 @@ double normal_quantile(double upper_tail) {
 ModelDecision select_model(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference,
                            double form_tolerance) {
   const NormalEquations& general = reference.equations;
-  const double n = general.weight(), variance = reference.kappa * reference.noise_variance();
+  const double n = general.weight(), variance = reference.kappa * reference.noise_variance;
   const int unknowns = general.supported_unknowns();
   const Deviations deviations(reference);
   const Eigen::MatrixXd gradient = general.gradient(reference.free);
@@ -125,7 +120,7 @@ ModelDecision select_model(const MomentGrid& sums, const FitLadder& ladder, cons
   std::optional<SurfaceModel> chosen, statistical;
   std::string why, last_refusal;
   for (const SurfaceModel model : {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational}) {
-    const NormalEquations simple(sums, ladder.space(reference.level_u, reference.level_v, variation_of(model)));
+    const NormalEquations simple(sums, ladder.space(reference.levels.u, reference.levels.v, variation_of(model)));
     const auto free = NormalSolver(simple).solve();
     if (!free) continue;
     // The functions of a direction sum to one: a constant has all coefficients equal.

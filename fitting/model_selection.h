@@ -6,6 +6,7 @@
 #include <string>
 
 #include "fitting/fit_ladder.h"
+#include "fitting/knot_selection.h"
 #include "fitting/normal_solver.h"
 #include "fitting/range_fit.h"
 
@@ -15,11 +16,9 @@ namespace celadon {
 struct ReferenceFit {
   const NormalEquations& equations;
   const Eigen::MatrixXd& free;
-  int level_u = 0, level_v = 0;
-  double residual_square = 0;  ///< sum w e^2
+  LadderLevels levels;
+  double noise_variance = 0;  ///< sigma^2 of one sample of weight 1
   double kappa = 1;
-  /// sigma^2 = RSS / (N - kappa P).
-  double noise_variance() const;
 };
 
 struct ModelDecision {

@@ -54,7 +54,7 @@ struct Translation {
   }
 };
 
-// Products of an interval's active functions: coefficients of the pairs x <= y, lane-padded.
+// Products of an interval's active functions: for the pairs x <= y, lane-padded, the coefficients by power.
 struct PairProducts {
   static constexpr int kMaxPairs = 24;  // 21 for degree 5, padded
   int functions = 0, pairs = 0, padded = 0;
@@ -73,6 +73,43 @@ struct PairProducts {
     padded = (pairs + 3) / 4 * 4;
   }
 };
+
+// Moments of a cell in the coordinates of the interval that holds it.
+void add_translated_along_u(const double* cell, const MomentLayout& layout, int p, const Translation& t, double* to) {
+  for (int b = 0; b <= 2 * p; ++b)
+    for (int c = 0; c <= b; ++c) {
+      const double f = t.rows[b][c];
+      for (int a = 0; a < layout.weight_lanes; ++a) to[layout.weight(b, a)] += f * cell[layout.weight(c, a)];
+      if (b > p) continue;
+      for (int a = 0; a < layout.range_lanes; ++a) to[layout.range(b, a)] += f * cell[layout.range(c, a)];
+    }
+}
+
+void add_translated_along_v(const double* moments, const MomentLayout& layout, int p, int q, const Translation& t,
+                            double* to) {
+  const auto translate = [&](const double* row, double* result, int lanes) {
+    for (int a = 0; a < lanes; ++a) {
+      double value = 0;
+      for (int c = 0; c <= a; ++c) value += t.rows[a][c] * row[c];
+      result[a] += value;
+    }
+  };
+  for (int b = 0; b <= 2 * p; ++b) translate(moments + layout.weight(b, 0), to + layout.weight(b, 0), 2 * q + 1);
+  for (int b = 0; b <= p; ++b) translate(moments + layout.range(b, 0), to + layout.range(b, 0), q + 1);
+}
+
+// Products of the functions x and y along v with the pairs (i, i + d) along u, g[d][i]: both ways round.
+void add_to_planes(StencilMatrix& matrix, int x, int y, const double* g) {
+  const int plane = matrix.plane_of(x, y), n = matrix.count_u();
+  for (int d = 0; d <= matrix.band_u(); ++d) {
+    const double* from = g + static_cast<std::ptrdiff_t>(d) * n;
+    double* upper = matrix.plane(plane, d) + matrix.at(0, x);
+    for (int i = 0; i + d < n; ++i) upper[i] += from[i];
+    if (d == 0) continue;
+    double* lower = matrix.plane(plane, -d) + matrix.at(d, x);
+    for (int i = 0; i + d < n; ++i) lower[i] += from[i];
+  }
+}
 
 int bandwidth(const RangeSpace& space) {
   return std::min(space.degree(), space.free_count() - 1);
@@ -96,7 +133,6 @@ void NormalEquations::assemble(const MomentGrid& sums) {
   const MomentLayout& from = sums.layout();
   const int p = space_.u.degree(), q = space_.v.degree();
   const int weight_rows = 2 * p + 1, weight_lanes = 2 * q + 1;
-  const MomentLayout to(p, q);
 
   std::vector<double> z_breaks, v_breaks;
   for (const double z : space_.u.breaks())
@@ -110,59 +146,48 @@ void NormalEquations::assemble(const MomentGrid& sums) {
   std::vector<PairProducts> products_u;
   for (int k = 0; k < space_.u.intervals(); ++k) products_u.emplace_back(space_.u, k);
 
-  // Moments of one column of intervals: along z into `line`, then along v into `merged`.
-  const auto stride = static_cast<std::size_t>(to.stride());
+  // One column of intervals at a time: its moments, the entries of its functions' pairs, then those into the planes.
+  const auto stride = static_cast<std::size_t>(from.stride());
+  const auto count_u = static_cast<std::size_t>(space_.u.free_count()),
+             offsets = static_cast<std::size_t>(matrix_.band_u() + 1);
   AlignedVector<double> line(stride), merged(stride * static_cast<std::size_t>(space_.u.intervals()));
+  std::vector<double> entries, ranges;
   for (int J = 0; J < space_.v.intervals(); ++J) {
-    std::fill(merged.begin(), merged.end(), 0.0);
     const int first_v = map_v.first[static_cast<std::size_t>(J)], last_v = map_v.last[static_cast<std::size_t>(J)];
+    std::fill(merged.begin(), merged.end(), 0.0);
     for (int j = first_v; j < last_v; ++j) {
       const Translation along_v(map_v.placement[static_cast<std::size_t>(j)], weight_lanes);
       for (int I = 0; I < space_.u.intervals(); ++I) {
         const int first_u = map_u.first[static_cast<std::size_t>(I)], last_u = map_u.last[static_cast<std::size_t>(I)];
-        std::fill(line.begin(), line.end(), 0.0);
         double count = 0;
         for (int i = first_u; i < last_u; ++i) {
           const double* cell = sums.cell(i, j);
-          if (cell[0] == 0) continue;
           count += cell[0];
           weight_ += cell[0];
           square_ += cell[from.square()];
           range_ += cell[from.range(0, 0)];
-          const auto& t = along_u[static_cast<std::size_t>(i)].rows;
-          for (int b = 0; b < weight_rows; ++b)
-            for (int c = 0; c <= b; ++c) {
-              const double f = t[b][c];
-              if (f == 0) continue;
-              for (int a = 0; a < weight_lanes; ++a)
-                line[static_cast<std::size_t>(to.weight(b, a))] += f * cell[from.weight(c, a)];
-              if (b <= p)
-                for (int a = 0; a <= q; ++a)
-                  line[static_cast<std::size_t>(to.range(b, a))] += f * cell[from.range(c, a)];
-            }
         }
         if (count == 0) continue;
         double* sum = merged.data() + static_cast<std::size_t>(I) * stride;
-        const auto translate = [&](const double* row, double* result, int lanes) {
-          for (int a = 0; a < lanes; ++a) {
-            double value = 0;
-            for (int c = 0; c <= a; ++c) value += along_v.rows[a][c] * row[c];
-            result[a] += value;
-          }
-        };
-        if (last_v - first_v == 1) {
-          std::copy(line.begin(), line.end(), sum);
+        const double* moments = sums.cell(first_u, j);
+        if (last_u - first_u > 1) {
+          std::fill(line.begin(), line.end(), 0.0);
+          for (int i = first_u; i < last_u; ++i)
+            add_translated_along_u(sums.cell(i, j), from, p, along_u[static_cast<std::size_t>(i)], line.data());
+          moments = line.data();
+        }
+        if (last_v - first_v > 1) {
+          add_translated_along_v(moments, from, p, q, along_v, sum);
         } else {
-          for (int b = 0; b < weight_rows; ++b)
-            translate(&line[static_cast<std::size_t>(to.weight(b, 0))], sum + to.weight(b, 0), weight_lanes);
-          for (int b = 0; b <= p; ++b)
-            translate(&line[static_cast<std::size_t>(to.range(b, 0))], sum + to.range(b, 0), q + 1);
+          std::copy(moments, moments + stride, sum);
         }
       }
     }
 
     const PairProducts pv(space_.v, J);
     const auto active_v = space_.v.active(J);
+    entries.assign(static_cast<std::size_t>(pv.pairs) * offsets * count_u, 0.0);
+    ranges.assign(active_v.size() * count_u, 0.0);
     for (int I = 0; I < space_.u.intervals(); ++I) {
       const double* m = merged.data() + static_cast<std::size_t>(I) * stride;
       if (m[0] == 0) {
@@ -170,46 +195,47 @@ void NormalEquations::assemble(const MomentGrid& sums) {
         continue;
       }
       const PairProducts& pu = products_u[static_cast<std::size_t>(I)];
-      const auto active_u = space_.u.active(I);
-      const int first_u = active_u.front();
-      for (int pair = 0; pair < pv.pairs; ++pair) {
-        double by_row[kMaxPowers];
-        for (int b = 0; b < weight_rows; ++b) {
-          double value = 0;
-          for (int a = 0; a < weight_lanes; ++a) value += pv.by_power[a][pair] * m[to.weight(b, a)];
-          by_row[b] = value;
+      const auto first_u = static_cast<std::size_t>(space_.u.active(I).front());
+      double by_row[kMaxPowers][PairProducts::kMaxPairs];
+      for (int b = 0; b < weight_rows; ++b) {
+        double* to = by_row[b];
+        std::fill(to, to + pv.padded, 0.0);
+        for (int a = 0; a < weight_lanes; ++a) {
+          const double moment = m[from.weight(b, a)];
+          for (int k = 0; k < pv.padded; ++k) to[k] += moment * pv.by_power[a][k];
         }
+      }
+      for (int pair = 0; pair < pv.pairs; ++pair) {
         double g[PairProducts::kMaxPairs] = {};
         for (int b = 0; b < weight_rows; ++b)
-          for (int k = 0; k < pu.padded; ++k) g[k] += by_row[b] * pu.by_power[b][k];
-        const int x = active_v[static_cast<std::size_t>(pv.x[pair])],
-                  y = active_v[static_cast<std::size_t>(pv.y[pair])];
-        const auto scatter = [&](int row, int column) {
-          const int plane = matrix_.plane_of(row, column);
-          for (int k = 0; k < pu.pairs; ++k) {
-            const int i = first_u + pu.x[k], d = pu.y[k] - pu.x[k];
-            matrix_.plane(plane, d)[matrix_.at(i, row)] += g[k];
-            if (d != 0) matrix_.plane(plane, -d)[matrix_.at(i + d, row)] += g[k];
-          }
-        };
-        scatter(x, y);
-        if (x != y) scatter(y, x);
+          for (int k = 0; k < pu.padded; ++k) g[k] += by_row[b][pair] * pu.by_power[b][k];
+        double* to = entries.data() + static_cast<std::size_t>(pair) * offsets * count_u + first_u;
+        for (int k = 0; k < pu.pairs; ++k)
+          to[static_cast<std::size_t>(pu.y[k] - pu.x[k]) * count_u + static_cast<std::size_t>(pu.x[k])] += g[k];
       }
       for (std::size_t x = 0; x < active_v.size(); ++x) {
         const auto poly_v = space_.v.polynomial(J, static_cast<int>(x));
-        double by_row[6];
+        double range_by_row[6];
         for (int b = 0; b <= p; ++b) {
           double value = 0;
-          for (int a = 0; a <= q; ++a) value += poly_v[static_cast<std::size_t>(a)] * m[to.range(b, a)];
-          by_row[b] = value;
+          for (int a = 0; a <= q; ++a) value += poly_v[static_cast<std::size_t>(a)] * m[from.range(b, a)];
+          range_by_row[b] = value;
         }
-        for (std::size_t y = 0; y < active_u.size(); ++y) {
-          const auto poly_u = space_.u.polynomial(I, static_cast<int>(y));
+        for (int y = 0; y < pu.functions; ++y) {
+          const auto poly_u = space_.u.polynomial(I, y);
           double value = 0;
-          for (int b = 0; b <= p; ++b) value += poly_u[static_cast<std::size_t>(b)] * by_row[b];
-          rhs_[matrix_.at(active_u[y], active_v[x])] += value;
+          for (int b = 0; b <= p; ++b) value += poly_u[static_cast<std::size_t>(b)] * range_by_row[b];
+          ranges[x * count_u + first_u + static_cast<std::size_t>(y)] += value;
         }
       }
+    }
+    for (std::size_t x = 0; x < active_v.size(); ++x)
+      for (std::size_t i = 0; i < count_u; ++i) rhs_[matrix_.at(0, active_v[x]) + i] += ranges[x * count_u + i];
+    for (int pair = 0; pair < pv.pairs; ++pair) {
+      const int x = active_v[static_cast<std::size_t>(pv.x[pair])], y = active_v[static_cast<std::size_t>(pv.y[pair])];
+      const double* g = entries.data() + static_cast<std::size_t>(pair) * offsets * count_u;
+      add_to_planes(matrix_, x, y, g);
+      if (x != y) add_to_planes(matrix_, y, x, g);
     }
   }
 }

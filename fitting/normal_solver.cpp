@@ -13,6 +13,18 @@ constexpr int kSmall = 320;  // unknowns up to which the direct factor is always
 
 using MapMatrix = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>;
 
+double trace(const StencilMatrix& a) {
+  double sum = 0;
+  for (int j = 0; j < a.count_v(); ++j)
+    for (int i = 0; i < a.count_u(); ++i) sum += a.diagonal(i, j);
+  return sum;
+}
+
+SmoothingBasis::Direction diagonalise(const GramMatrices& gram) {
+  const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(gram[2], gram[0]);
+  return {solver.eigenvectors(), solver.eigenvalues().cwiseMax(0).cwiseSqrt()};
+}
+
 double dot(const AlignedVector<double>& a, const AlignedVector<double>& b) {
   using Vector = Eigen::Map<const Eigen::VectorXd>;
   const auto n = static_cast<Eigen::Index>(a.size());
@@ -29,24 +41,19 @@ struct NormalSolver::Preconditioner {
   Eigen::ArrayXXd scale;
   bool spectral = false;
 
-  Preconditioner(const NormalEquations& equations, const BendingEnergy& energy, double mu) {
+  Preconditioner(const NormalEquations& equations, SmoothingBasis& basis, double mu) {
     const StencilMatrix& a = equations.matrix();
-    const Eigen::MatrixXd &gu = energy.along_u[0], &gv = energy.along_v[0];
+    const Eigen::MatrixXd &gu = basis.energy().along_u[0], &gv = basis.energy().along_v[0];
     scale.resize(a.count_u(), a.count_v());
     spectral = mu > 0;
     if (spectral) {
-      const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> eu(energy.along_u[2], gu),
-          ev(energy.along_v[2], gv);
-      left_u = eu.eigenvectors();
-      right_v = ev.eigenvectors();
-      double trace = 0;
-      for (int j = 0; j < a.count_v(); ++j)
-        for (int i = 0; i < a.count_u(); ++i) trace += a.diagonal(i, j);
-      const double density = trace / (gu.trace() * gv.trace());
+      const auto &u = basis.along_u(), &v = basis.around_v();
+      left_u = u.vectors;
+      right_v = v.vectors;
+      const double density = trace(a) / (gu.trace() * gv.trace());
       for (int j = 0; j < a.count_v(); ++j)
         for (int i = 0; i < a.count_u(); ++i) {
-          const double root =
-              std::sqrt(std::max(eu.eigenvalues()(i), 0.0)) + std::sqrt(std::max(ev.eigenvalues()(j), 0.0));
+          const double root = u.roots(i) + v.roots(j);
           scale(i, j) = 1 / (density + mu * root * root);
         }
     } else {
@@ -87,20 +94,28 @@ BendingEnergy bending_energy(const NormalEquations& equations) {
   return {gram_matrices(equations.space().u), gram_matrices(equations.space().v, equations.arcs(), r)};
 }
 
+const BendingEnergy& SmoothingBasis::energy() {
+  if (!energy_) energy_ = bending_energy(equations_);
+  return *energy_;
+}
+const SmoothingBasis::Direction& SmoothingBasis::along_u() {
+  if (!u_) u_ = diagonalise(energy().along_u);
+  return *u_;
+}
+const SmoothingBasis::Direction& SmoothingBasis::around_v() {
+  if (!v_) v_ = diagonalise(energy().along_v);
+  return *v_;
+}
+
 NormalSolver::NormalSolver(const NormalEquations& equations, double smoothing, const Options& options)
     : equations_(equations), options_(options) {
-  const StencilMatrix& a = equations.matrix();
-  energy_ = bending_energy(equations);
-  if (smoothing > 0) {
-    double trace = 0;
-    for (int j = 0; j < a.count_v(); ++j)
-      for (int i = 0; i < a.count_u(); ++i) trace += a.diagonal(i, j);
-    const double energy = energy_->trace();
-    mu_ = energy > 0 ? smoothing * trace / energy : 0;
-  }
+  if (!options_.basis) options_.basis = &own_basis_.emplace(equations);
+  if (smoothing <= 0) return;
+  const double energy = options_.basis->energy().trace();
+  mu_ = energy > 0 ? smoothing * trace(equations.matrix()) / energy : 0;
   if (mu_ > 0) {
-    regularised_ = a;
-    energy_->add_to(*regularised_, mu_);
+    regularised_ = equations.matrix();
+    options_.basis->energy().add_to(*regularised_, mu_);
   }
 }
 
@@ -114,7 +129,7 @@ bool NormalSolver::factorise() {
 
 bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, AlignedVector<double>& x) {
   const StencilMatrix& a = system();
-  if (!preconditioner_) preconditioner_ = std::make_shared<const Preconditioner>(equations_, *energy_, mu_);
+  if (!preconditioner_) preconditioner_ = std::make_shared<const Preconditioner>(equations_, *options_.basis, mu_);
   AlignedVector<double> r(b), z(b.size(), 0.0), p, q(b.size());
   Eigen::MatrixXd work(a.count_u(), a.count_v()), half(a.count_u(), a.count_v());
   x.assign(b.size(), 0.0);

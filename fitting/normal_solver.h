@@ -61,6 +61,25 @@ class NormalEquations {
   int empty_cells_ = 0;
 };
 
+/// The pairs (Gram matrix, energy of second derivatives) of both directions, diagonalised: the same for every weight of
+/// the energy. Computed when first asked for.
+class SmoothingBasis {
+ public:
+  explicit SmoothingBasis(const NormalEquations& equations) : equations_(equations) {}
+  struct Direction {
+    Eigen::MatrixXd vectors;
+    Eigen::VectorXd roots;  ///< square roots of the eigenvalues
+  };
+  const BendingEnergy& energy();
+  const Direction& along_u();
+  const Direction& around_v();
+
+ private:
+  const NormalEquations& equations_;
+  std::optional<BendingEnergy> energy_;
+  std::optional<Direction> u_, v_;
+};
+
 /// Solves (A + mu E) x = y for one mu >= 0: conjugate gradients with a Kronecker preconditioner, the direct factor when
 /// they do not converge or the system is small.
 class NormalSolver {
@@ -68,11 +87,14 @@ class NormalSolver {
   struct Options {
     double tolerance = 1e-11;  ///< of the preconditioned residual, relative to the start
     int max_iterations = 60;
-    bool direct = false;  ///< do not try the iteration
+    bool direct = false;              ///< do not try the iteration
+    SmoothingBasis* basis = nullptr;  ///< shared between solvers of the same equations; must outlive them
   };
   /// `smoothing` is mu relative to trace A / trace E; 0 leaves the matrix alone. The equations must outlive the solver.
   NormalSolver(const NormalEquations& equations, double smoothing, const Options& options);
-  NormalSolver(const NormalEquations& equations, double smoothing = 0);
+  explicit NormalSolver(const NormalEquations& equations, double smoothing = 0);
+  NormalSolver(const NormalSolver&) = delete;
+  NormalSolver& operator=(const NormalSolver&) = delete;
 
   /// The minimiser of |F - r|^2 + mu E(F). std::nullopt: the samples do not determine it.
   std::optional<Eigen::MatrixXd> solve();
@@ -93,7 +115,7 @@ class NormalSolver {
   const NormalEquations& equations_;
   Options options_;
   double mu_ = 0;
-  std::optional<BendingEnergy> energy_;
+  std::optional<SmoothingBasis> own_basis_;
   std::optional<StencilMatrix> regularised_;
   std::shared_ptr<const Preconditioner> preconditioner_;
   std::unique_ptr<BlockCholesky> factor_;

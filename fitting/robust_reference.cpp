@@ -18,7 +18,9 @@ constexpr double kGap = 1.5;
 // Slopes beyond which neighbouring cells do not continue one another, around and along the axis.
 constexpr double kSlopeAround = 2.5, kSlopeAlong = 4;
 // A cluster with less than this share of its cell's samples holds strays.
-constexpr double kStrayShare = 0.15;
+constexpr double kStrayShare = 0.2;
+// Sheets of fewer cells than this are chance.
+constexpr int kSheetCells = 3;
 // Residuals below this share of the size are no scanner's noise.
 constexpr double kSmallestScale = 1e-6;
 constexpr double kMad = 1.4826;
@@ -185,13 +187,14 @@ void RobustReference::choose_body() {
   }
   struct Sheet {
     std::size_t samples = 0;
-    int refused = 0, columns = 0, last_column = -1;
+    int cells = 0, refused = 0, columns = 0, last_column = -1;
   };
   std::vector<Sheet> of(nodes.size());
   for (std::size_t n = 0; n < nodes.size(); ++n) {  // cells run column by column
     Sheet& sheet = of[sheets.find(n)];
     const Cell& cell = cells_[nodes[n].cell];
     sheet.samples += cell.seen * static_cast<std::size_t>(cluster(n).count) / cell.points.size() + 1;
+    ++sheet.cells;
     sheet.refused += refused[n];
     const int column = static_cast<int>(nodes[n].cell) / cells_z_;
     if (column != sheet.last_column) ++sheet.columns, sheet.last_column = column;
@@ -202,6 +205,8 @@ void RobustReference::choose_body() {
     const Sheet& sheet = of[sheets.find(n)];
     cluster(n).accepted = sheet.samples == largest || 4 * sheet.columns >= 3 * cells_v_ || sheet.refused == 0 ||
                           5 * sheet.samples >= largest;
+    // Too small for a part of the object: strays that happen to lie together.
+    if (!cluster(n).accepted && sheet.cells < kSheetCells) cluster(n).significant = false;
   }
 }
 
@@ -268,7 +273,7 @@ bool RobustReference::solve(bool weighted) {
     for (int i = 0; i < grid.z_cells(); ++i)
       if (grid.cell_weight(i, j) > 0) band.first = std::min(band.first, i), band.last = std::max(band.last, i + 1);
   const FitLadder ladder(grid, band, specification_.degree_u, specification_.degree_v, continuity_);
-  const auto fit = solve_member(grid, ladder, 0, 0, {});
+  const auto fit = solve_member(grid, ladder, {}, {});
   if (!fit) return false;
   function_ = range_function(*fit->equations, fit->free);
   return true;
@@ -346,8 +351,8 @@ RobustReference::Verdict RobustReference::verdict(double v, double z, double r, 
   return {0, Kind::outlier};
 }
 
-std::vector<double> RobustReference::absolute_residuals(const RangeFunction& function) const {
-  std::vector<double> result;
+double RobustReference::percentile95(const RangeFunction& function) const {
+  std::vector<double> sizes;
   for (const Cell& cell : cells_) {
     const Cluster* c = cell.accepted();
     if (!c) continue;
@@ -355,10 +360,13 @@ std::vector<double> RobustReference::absolute_residuals(const RangeFunction& fun
       const Point& p = cell.points[static_cast<std::size_t>(k)];
       if (p.z < function.base().z_start_mm || p.z > function.base().z_end_mm) continue;
       if (tukey((p.r - function_(p.theta, p.z)) / cell.limit) <= 0) continue;
-      result.push_back(std::abs(p.r - function(p.theta, p.z)));
+      sizes.push_back(std::abs(p.r - function(p.theta, p.z)));
     }
   }
-  return result;
+  if (sizes.empty()) return 0;
+  const auto at = sizes.begin() + static_cast<std::ptrdiff_t>(0.95 * static_cast<double>(sizes.size() - 1));
+  std::nth_element(sizes.begin(), at, sizes.end());
+  return *at;
 }
 
 }  // namespace celadon

@@ -42,8 +42,8 @@ class RobustReference {
   /// Of a sample at (v, z) with range r whose residual to function() is given.
   Verdict verdict(double v, double z_mm, double r_mm, double residual_mm) const;
 
-  /// Ranges of the reservoir's accepted samples minus a function, absolute values: for percentiles without a pass.
-  std::vector<double> absolute_residuals(const RangeFunction& function) const;
+  /// 95th percentile of |r - F| of another function over the accepted samples: without a pass.
+  double percentile95(const RangeFunction& function) const;
 
  private:
   struct Point {
