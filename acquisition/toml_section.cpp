@@ -1,0 +1,165 @@
+#include "acquisition/toml_section.h"
+
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <cstdio>
+
+namespace celadon::checked_toml {
+
+/// Shortest decimals that read back as the same double, always with a mark of a TOML float.
+std::string number_text(double value) {
+  std::array<char, 32> buffer;
+  const auto end = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value).ptr;
+  std::string text(buffer.data(), end);
+  if (text.find_first_of(".en") == std::string::npos) text += ".0";
+  return text;
+}
+
+std::string quoted(const std::string& text) {
+  std::string out(1, '"');
+  for (const char c : text) {
+    if (c == '"' || c == '\\') {
+      out += '\\';
+      out += c;
+    } else if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) {
+      std::array<char, 8> escape;
+      std::snprintf(escape.data(), escape.size(), "\\u%04X", static_cast<unsigned>(c));
+      out += escape.data();
+    } else {
+      out += c;
+    }
+  }
+  return out + '"';
+}
+
+/// The part of a text that an error message can quote.
+std::string excerpt(std::string_view text) {
+  return quoted(std::string(text.substr(0, 60))) + (text.size() > 60 ? "..." : "");
+}
+
+std::string value_text(const toml::node& node) {
+  if (const auto* text = node.as_string()) return excerpt(text->get());
+  if (const auto* real = node.as_floating_point()) return number_text(real->get());
+  if (const auto* whole = node.as_integer()) return std::to_string(whole->get());
+  if (const auto* truth = node.as_boolean()) return truth->get() ? "true" : "false";
+  if (node.is_array()) return "an array of " + std::to_string(node.as_array()->size());
+  if (node.is_table()) return "a table";
+  return "a date or time";
+}
+
+void Section::refuse(const toml::node& where, const std::string& field, const std::string& why) const {
+  throw Refusal{file_ + ", line " + std::to_string(where.source().begin.line) + ", " + full(field) + ": " + why};
+}
+
+const toml::node& Section::node(const std::string& key) {
+  used_.insert(key);
+  const toml::node* found = table_->get(key);
+  if (found == nullptr) {
+    refuse(*table_, key, "is missing; add it as CALIBRATION.md describes, or calibrate again");
+  }
+  return *found;
+}
+
+Section Section::section(const std::string& key) {
+  const toml::node& found = node(key);
+  if (!found.is_table()) refuse(found, key, "is " + value_text(found) + " and must be a table");
+  return {*found.as_table(), file_, full(key), newer_};
+}
+
+std::string Section::text(const std::string& key) {
+  const toml::node& found = node(key);
+  if (!found.is_string()) refuse(found, key, "is " + value_text(found) + " and must be a text in quotes");
+  if (found.as_string()->get().empty()) refuse(found, key, "is an empty text; name it");
+  return found.as_string()->get();
+}
+
+bool Section::boolean(const std::string& key) {
+  const toml::node& found = node(key);
+  if (!found.is_boolean()) refuse(found, key, "is " + value_text(found) + " and must be true or false");
+  return found.as_boolean()->get();
+}
+
+int Section::integer(const std::string& key, int smallest, int largest) {
+  const toml::node& found = node(key);
+  const auto* whole = found.as_integer();
+  if (whole == nullptr || whole->get() < smallest || whole->get() > largest) {
+    refuse(found, key,
+           "is " + value_text(found) + " and must be a whole number from " + std::to_string(smallest) + " to " +
+               std::to_string(largest));
+  }
+  return static_cast<int>(whole->get());
+}
+
+double Section::number(const std::string& key) {
+  return number_of(node(key), key);
+}
+
+double Section::uncertainty(const std::string& key) {
+  const double u = number(key);
+  if (u < 0) refuse(node(key), key, "is " + number_text(u) + " and a standard uncertainty cannot be negative");
+  return u;
+}
+
+Measured Section::measured(const std::string& key) {
+  Section pair = section(key);
+  const Measured out{pair.number("value"), pair.uncertainty("u")};
+  pair.finish();
+  return out;
+}
+
+Measured Section::positive(const std::string& key) {
+  const Measured out = measured(key);
+  if (out.value <= 0) refuse(node(key), key + ".value", "is " + number_text(out.value) + " and must be above 0");
+  return out;
+}
+
+Eigen::Vector3d Section::vector(const std::string& key) {
+  return vector_of(node(key), key);
+}
+
+Eigen::Matrix3d Section::matrix(const std::string& key) {
+  const toml::node& found = node(key);
+  const auto* rows = found.as_array();
+  if (rows == nullptr || rows->size() != 3) {
+    refuse(found, key, "is " + value_text(found) + " and must be an array of three rows");
+  }
+  Eigen::Matrix3d out;
+  for (std::size_t i = 0; i < 3; ++i) {
+    out.row(static_cast<Eigen::Index>(i)) = vector_of(*rows->get(i), key + "[" + std::to_string(i) + "]").transpose();
+  }
+  return out;
+}
+
+void Section::finish() const {
+  if (newer_) return;
+  for (const auto& [key, value] : *table_) {
+    if (!used_.contains(std::string(key.str()))) {
+      refuse(value, excerpt(key.str()), "is not a key of version 1.0; correct its spelling or remove it");
+    }
+  }
+}
+
+double Section::number_of(const toml::node& found, const std::string& field) const {
+  double value = 0;
+  if (const auto* real = found.as_floating_point()) {
+    value = real->get();
+  } else if (const auto* whole = found.as_integer()) {
+    value = static_cast<double>(whole->get());
+  } else {
+    refuse(found, field, "is " + value_text(found) + " and must be a number");
+  }
+  if (!std::isfinite(value)) refuse(found, field, "is " + number_text(value) + " and must be finite; calibrate again");
+  return value;
+}
+
+Eigen::Vector3d Section::vector_of(const toml::node& found, const std::string& field) const {
+  const auto* items = found.as_array();
+  if (items == nullptr || items->size() != 3) {
+    refuse(found, field, "is " + value_text(found) + " and must be an array of three numbers");
+  }
+  return {number_of(*items->get(0), field + "[0]"), number_of(*items->get(1), field + "[1]"),
+          number_of(*items->get(2), field + "[2]")};
+}
+
+}  // namespace celadon::checked_toml
