@@ -42,6 +42,37 @@ std::string read_line(int fd, int time_ms) {
   return {};
 }
 
+// Starts a program with its output to output_fd and its errors to the log; it ends when this process dies.
+pid_t spawn(const std::vector<std::string>& command, int output_fd, const fs::path& log) {
+  std::vector<char*> arguments;
+  for (const auto& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
+  arguments.push_back(nullptr);
+  const pid_t parent = ::getpid();
+  const pid_t child = ::fork();
+  if (child != 0) return child;
+  ::prctl(PR_SET_PDEATHSIG, SIGTERM);
+  if (::getppid() != parent) ::_exit(127);
+  // Ctrl-C is for this command, which then ends its children in order.
+  ::setpgid(0, 0);
+  const int log_fd = ::open(log.c_str(), O_CREAT | O_WRONLY | O_APPEND, 0600);
+  ::dup2(output_fd, STDOUT_FILENO);
+  ::dup2(log_fd, STDERR_FILENO);
+  ::execvp(arguments[0], arguments.data());
+  ::dprintf(STDERR_FILENO, "%s: %s\n", arguments[0], std::strerror(errno));
+  ::_exit(127);
+}
+
+// Runs a program that ends by itself.
+tl::expected<void, std::string> run_to_end(const std::vector<std::string>& command, const fs::path& log) {
+  const int nowhere = ::open("/dev/null", O_WRONLY | O_CLOEXEC);
+  const pid_t child = spawn(command, nowhere, log);
+  ::close(nowhere);
+  int status = -1;
+  if (child > 0) ::waitpid(child, &status, 0);
+  if (child > 0 && status == 0) return {};
+  return tl::unexpected("'" + command[0] + " " + command[1] + "' failed: " + tail_of(log));
+}
+
 }  // namespace
 
 std::string program_beside(const std::string& name) {
@@ -51,11 +82,13 @@ std::string program_beside(const std::string& name) {
   return !error && fs::exists(beside, error) ? beside.string() : name;
 }
 
-ChildProcess::ChildProcess(ChildProcess&& other) noexcept : pid_(std::exchange(other.pid_, -1)) {}
+ChildProcess::ChildProcess(ChildProcess&& other) noexcept
+    : pid_(std::exchange(other.pid_, -1)), output_fd_(std::exchange(other.output_fd_, -1)) {}
 ChildProcess& ChildProcess::operator=(ChildProcess&& other) noexcept {
   if (this != &other) {
     end();
     pid_ = std::exchange(other.pid_, -1);
+    output_fd_ = std::exchange(other.output_fd_, -1);
   }
   return *this;
 }
@@ -67,28 +100,12 @@ tl::expected<std::string, std::string> ChildProcess::start(const std::vector<std
                                                            const fs::path& log) {
   std::array<int, 2> pipe_ends{};
   if (::pipe2(pipe_ends.data(), O_CLOEXEC) != 0) return tl::unexpected("no pipe: " + std::string(std::strerror(errno)));
-  std::vector<char*> arguments;
-  for (const auto& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
-  arguments.push_back(nullptr);
-  const pid_t parent = ::getpid();
-  pid_ = ::fork();
-  if (pid_ == 0) {
-    ::prctl(PR_SET_PDEATHSIG, SIGTERM);
-    if (::getppid() != parent) ::_exit(127);
-    // Ctrl-C is for this command, which then ends its children in order.
-    ::setpgid(0, 0);
-    const int log_fd = ::open(log.c_str(), O_CREAT | O_WRONLY | O_APPEND, 0600);
-    ::dup2(pipe_ends[1], STDOUT_FILENO);
-    ::dup2(log_fd, STDERR_FILENO);
-    ::execvp(arguments[0], arguments.data());
-    ::dprintf(STDERR_FILENO, "%s: %s\n", arguments[0], std::strerror(errno));
-    ::_exit(127);
-  }
+  pid_ = spawn(command, pipe_ends[1], log);
   ::close(pipe_ends[1]);
-  const std::string line = pid_ > 0 ? read_line(pipe_ends[0], kStartTime_ms) : std::string();
-  // The pipe stays open in no one's hands: a later line of the child must not kill it.
-  if (pid_ > 0 && !line.empty()) {
-    ::fcntl(pipe_ends[0], F_SETFD, FD_CLOEXEC);
+  std::string line = pid_ > 0 ? read_line(pipe_ends[0], kStartTime_ms) : std::string();
+  if (!line.empty()) {
+    // Kept open: a later line of the child must not end it by SIGPIPE.
+    output_fd_ = pipe_ends[0];
     return line;
   }
   ::close(pipe_ends[0]);
@@ -97,6 +114,7 @@ tl::expected<std::string, std::string> ChildProcess::start(const std::vector<std
 }
 
 void ChildProcess::end() noexcept {
+  if (output_fd_ >= 0) ::close(std::exchange(output_fd_, -1));
   if (pid_ <= 0) return;
   ::kill(pid_, SIGTERM);
   for (int waited = 0; waited < kEndTime_ms; waited += 20) {
@@ -131,10 +149,9 @@ tl::expected<VirtualScanner, std::string> VirtualScanner::start(const VirtualSca
                           "' instead of where it serves; do both programs come from one build?");
   }
 
-  ChildProcess truth;
-  const auto written = truth.start({program_beside("celadon-sim"), "calibration", "--socket-dir",
-                                    scanner.folder_.string(), "-o", in_folder("calibration.toml")},
-                                   in_folder("sim.log"));
+  const auto written = run_to_end({program_beside("celadon-sim"), "truth", "--socket-dir", scanner.folder_.string(),
+                                   "--calibration", in_folder("calibration.toml")},
+                                  in_folder("sim.log"));
   if (!written) return tl::unexpected(written.error());
 
   scanner.server_ = "unix:" + in_folder("api.sock");

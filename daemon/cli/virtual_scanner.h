@@ -27,6 +27,7 @@ class ChildProcess {
 
  private:
   pid_t pid_ = -1;
+  int output_fd_ = -1;
 };
 
 struct VirtualScannerOptions {
