@@ -285,7 +285,8 @@ int run(int argc, char** argv) {
       ->check(CLI::IsMember({"real", "max"}))
       ->capture_default_str();
   app.add_option("--fault", o.faults,
-                 "NAME[,ARGUMENT][@SECONDS]: inject a fault, at once or at that time; may be repeated");
+                 "NAME[,ARGUMENT][@SECONDS]: inject a fault, at once or at that time; may be repeated")
+      ->allow_extra_args(false);
   app.add_flag("--locked", o.locked, "after power-on the button must be pressed before anything moves or shines");
 
   double press_ms = 100;

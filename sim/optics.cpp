@@ -112,8 +112,8 @@ OpticsConfig default_optics(int width_px, int height_px, double sheet_offset_mm,
 Renderer::Renderer(Scene scene, const OpticsConfig& config)
     : scene_(std::move(scene)), config_(config), camera_(config.camera, config.X_CW) {
   const LaserSheet& sheet = config_.sheet;
-  // The fan in steps of two and a half rows at 30 mm in front of the axis; cubics in between err by 1e-4 px.
-  const double step = 0.3 * 1024 / config_.camera.height_px;
+  // The fan in steps of nearly two rows at 30 mm in front of the axis; cubics in between err by 1e-4 px.
+  const double step = 0.22 * 1024 / config_.camera.height_px;
   for (double z = -15; z < scene_.z_max_mm() + 6; z += step) {
     Vector3d aim(30, 0, z);
     aim.y() = (sheet.distance_mm - sheet.normal_W.x() * aim.x() - sheet.normal_W.z() * z) / sheet.normal_W.y();
@@ -319,7 +319,8 @@ void Renderer::draw_strand(const Strand& strand, double weight, const Exposure& 
 }
 
 // Each pixel of the row looks at its own place s(x) across the sheet: irradiance e^(-s^2 / 2 sigma^2), incidence and
-// reflectance of that place. Blur adds (ds/dx blur)^2 to sigma^2, exact where s is linear over the blur.
+// reflectance of that place. Blur by Laplace's method: s linearised where most of the pixel's light comes from, sigma^2
+// grown by (ds/dx blur)^2; exact where s is linear over the blur.
 void Renderer::draw_row(int row, const std::array<double, kAcross>& x, const std::array<double, kAcross>& brightness,
                         int first, int last, double scale) {
   const int n = last - first + 1, middle = kAcross / 2;
@@ -365,18 +366,22 @@ void Renderer::draw_row(int row, const std::array<double, kAcross>& x, const std
              blur2 = static_cast<float>(config_.blur_px * config_.blur_px);
   float* out = &signal_[static_cast<std::size_t>(row) * static_cast<std::size_t>(width)];
   const auto shift = static_cast<float>(from - origin);
+  // Light that blur brings to column u comes mostly from this share of u: all of it for a thick sheet, none for a thin
+  // one.
+  const auto share = static_cast<float>(
+      sigma * sigma / (sigma * sigma + slope_mm_per_px * slope_mm_per_px * config_.blur_px * config_.blur_px));
   for (int i = from; i < to; ++i) {
     const float u = shift + static_cast<float>(i - from);
-    const float inside = std::min(std::max(u, low), high);
+    const float source = std::min(std::max(u * share, low), high);
     float s = c[static_cast<std::size_t>(n - 1)], slope = 0;
     for (int m = n - 2; m >= 0; --m) {
-      const float step = inside - node[static_cast<std::size_t>(m)];
+      const float step = source - node[static_cast<std::size_t>(m)];
       slope = slope * step + s;
       s = s * step + c[static_cast<std::size_t>(m)];
     }
-    s += slope * (u - inside);
+    s += slope * (u - source);
     const float spread = variance + slope * slope * blur2;
-    const float b = std::max(0.F, b0 + b1 * inside);
+    const float b = std::max(0.F, b0 + b1 * source);
     out[i] += b / std::sqrt(spread) * exp_minus(0.5F * s * s / spread);
   }
   if (config_.reflection > 0)

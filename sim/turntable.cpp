@@ -153,7 +153,8 @@ void Turntable::move(double target_rad, double speed_rad_per_s, double accelerat
 }
 
 void Turntable::home(std::int64_t now_ns) {
-  stop(now_ns);
+  start(now_ns);
+  decelerate();
   homed_ = false;
   if (blocked_) {
     stalled_ = true;
@@ -161,8 +162,8 @@ void Turntable::home(std::int64_t now_ns) {
   }
   homing_ = true;
   const double at = segments_.back().position;
-  const double v = config_.homing_speed_rad_per_s, a = config_.homing_acceleration_rad_per_s2,
-               overrun = 0.5 * v * v / a;
+  const double v = config_.homing_speed_rad_per_s, a = config_.homing_acceleration_rad_per_s2;
+  const double overrun = 0.5 * v * v / a;
   // Forwards until the mark has passed at full speed, then back onto it.
   pending_zero_ = std::ceil((at + overrun) / kTwoPi) * kTwoPi;
   append_trapezoid(pending_zero_ + overrun - at, v, a);
@@ -174,12 +175,15 @@ void Turntable::stop(std::int64_t now_ns) {
   if (now_ns >= end_ns()) return;
   start(now_ns);
   homing_ = false;
-  const double v = segments_.back().speed;
-  if (v != 0) {
-    append(std::abs(v) / config_.max_acceleration_rad_per_s2,
-           v > 0 ? -config_.max_acceleration_rad_per_s2 : config_.max_acceleration_rad_per_s2);
-    segments_.back().speed = 0;
-  }
+  decelerate();
+}
+
+// Appends the way from the present speed to standing.
+void Turntable::decelerate() {
+  const double v = segments_.back().speed, a = config_.max_acceleration_rad_per_s2;
+  if (v == 0) return;
+  append(std::abs(v) / a, v > 0 ? -a : a);
+  segments_.back().speed = 0;
 }
 
 void Turntable::block(bool blocked, std::int64_t now_ns) {

@@ -69,6 +69,7 @@ class Turntable {
   State deflection(std::int64_t now_ns) const;
   double after_backlash(double motor_rad) const;
   void start(std::int64_t now_ns);
+  void decelerate();
   void append(double duration_s, double acceleration);
   void append_trapezoid(double distance, double speed, double acceleration);
   std::int64_t end_ns() const { return segments_.back().begin_ns; }
