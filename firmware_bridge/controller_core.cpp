@@ -98,11 +98,8 @@ void ControllerCore::guard() {
     lasers_off(enabled_);
     for (int i = 0; i < config_.axes; ++i) {
       Axis& axis = axes_[i];
-      if (axis.state == MotionState::fault ||
-          (axis.state == MotionState::stopped && fault_ == FaultCode::emergency_stop))
-        continue;
-      plant_.release(i, now_us_);  // hardware has cut the power: the table may be turned by hand
-      axis.state = MotionState::stopped;
+      if (!in_emergency_) plant_.release(i, now_us_);  // hardware has cut the power: the table may be turned by hand
+      if (axis.state != MotionState::fault) axis.state = MotionState::stopped;
       axis.homed = axis.stopping = false;
     }
     if (fault_ == FaultCode::none || is_forced_stop(fault_)) {
@@ -110,6 +107,7 @@ void ControllerCore::guard() {
       fault_detail_ = 0;
     }
   }
+  in_emergency_ = inputs_.emergency_stop;
   if (!inputs_.interlock_closed) {
     locked_ = true;
     if (enabled_ || any_motion()) halt_all(FaultCode::interlock_opened, 0);

@@ -169,6 +169,7 @@ class ControllerCore {
   std::uint16_t fault_detail_ = 0;
   Refusal refusal_ = Refusal::none;
   bool locked_;
+  bool in_emergency_ = false;
 
   std::uint64_t heartbeat_deadline_us_ = 0;
   bool host_alive_ = false;

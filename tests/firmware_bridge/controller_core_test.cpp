@@ -107,9 +107,13 @@ TEST(Interlock, DropsLaserAndMotionAndDoesNotComeBackByItself) {
 
 TEST(Interlock, PressCountsForNothingWhileItIsOpen) {
   CoreBench b;
+  b.home_and_wait();
+  b.command(protocol::kMove, 90'000'000);
   b.plant.interlock_closed = false;
-  b.advance_ms(10);
+  b.advance_ms(1000);
   b.press_button();
+  EXPECT_EQ(b.core.motion(0), MotionState::stopped);
+  EXPECT_EQ(b.core.fault(), FaultCode::interlock_opened);
   b.plant.interlock_closed = true;
   b.advance_ms(10);
   EXPECT_TRUE(b.core.local_action_needed());
@@ -151,6 +155,22 @@ TEST(EmergencyStop, LosesTheReferenceAndAsksForAPress) {
   EXPECT_EQ(b.command(protocol::kMove, 1), Exception::refused);
   EXPECT_EQ(b.refusal(), Refusal::unhomed);
   EXPECT_EQ(b.home(), Exception::none);
+}
+
+TEST(EmergencyStop, TakesTheTorqueAlsoFromAMachineInFault) {
+  CoreBench b;
+  b.home_and_wait();
+  b.command(protocol::kMove, 350'000'000);
+  b.advance_ms(500);
+  b.plant.input_fault = FaultCode::laser_driver_fault;
+  b.core.step(b.now_us);
+  EXPECT_EQ(b.core.motion(0), MotionState::fault);
+  EXPECT_GT(b.plant.speed_udeg(b.now_us), 0);
+  b.plant.emergency_stop = true;
+  b.core.step(b.now_us);
+  EXPECT_EQ(b.plant.releases, 1);
+  EXPECT_EQ(b.core.motion(0), MotionState::fault);
+  EXPECT_EQ(b.core.fault(), FaultCode::laser_driver_fault);
 }
 
 TEST(StuckLaser, IsAFaultAfterItsLimitAndStaysOneWhileItEmits) {

@@ -88,6 +88,12 @@ void ModbusServer::mishap(Mishap m, int times) {
   for (int i = 0; i < times; ++i) mishaps_.push_back(m);
 }
 
+void ModbusServer::release_withheld() {
+  const std::lock_guard lock(mutex_);
+  if (write(pty_master_, withheld_.data(), withheld_.size()) < 0) throw std::runtime_error(std::strerror(errno));
+  withheld_.clear();
+}
+
 Mishap ModbusServer::next_mishap() {
   const std::lock_guard lock(mutex_);
   if (mishaps_.empty()) return Mishap::none;
@@ -182,6 +188,11 @@ bool ModbusServer::serve_one(modbus_t* context, modbus_mapping_t* mapping) {
   close(spoiled[1]);
   if (m == Mishap::close_link) return false;
   if (m == Mishap::drop || count <= 0) return true;
+  if (m == Mishap::withhold) {
+    const std::lock_guard lock(mutex_);
+    withheld_.insert(withheld_.end(), bytes, bytes + count);
+    return true;
+  }
   if (m == Mishap::truncate) count /= 2;
   if (m == Mishap::garble && link_ == Link::tcp) bytes[1] ^= 0x55;
   if (m == Mishap::garble && link_ == Link::rtu) bytes[count - 1] ^= 0x55;

@@ -90,6 +90,7 @@ enum class Mishap {
   garble,       ///< bytes changed: CRC on RTU, transaction number on TCP
   wrong_count,  ///< a reply that carries fewer registers than it was asked for
   busy,         ///< exception 6
+  withhold,     ///< executed; the reply stays back until release_withheld()
   close_link    ///< executed, then the connection ends
 };
 
@@ -103,6 +104,8 @@ class ModbusServer {
 
   std::string url(const std::string& options = "timeout_ms=2000") const;
   void mishap(Mishap m, int times = 1);
+  /// Puts the withheld replies on the link. RTU only.
+  void release_withheld();
   /// Vanishes, or comes back at the same place.
   void stop();
   void start();
@@ -122,6 +125,7 @@ class ModbusServer {
   std::string pty_path_;
   std::mutex mutex_;
   std::deque<Mishap> mishaps_;
+  std::vector<std::uint8_t> withheld_;
   std::atomic<bool> running_ = false;
   std::thread thread_;
 };

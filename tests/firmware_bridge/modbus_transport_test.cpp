@@ -144,6 +144,26 @@ TEST(ModbusRtu, AnotherUnitDoesNotAnswer) {
   EXPECT_EQ(machine.reads, 0);
 }
 
+// Serial replies carry no number: one that comes after its time-out looks like the answer to the next request.
+TEST(ModbusRtu, LateReplyIsNotTakenForTheNextOnes) {
+  Machine machine;
+  ModbusServer server(machine, Link::rtu);
+  auto t = open_transport(server.url("timeout_ms=100"));
+  ASSERT_TRUE(t);
+  std::array<std::uint16_t, 2> words{};
+  server.mishap(Mishap::withhold);
+  const auto silent = (*t)->read_inputs(0x0100, words);
+  ASSERT_FALSE(silent);
+  ASSERT_EQ(silent.error().kind, Kind::timed_out);
+  server.release_withheld();
+  tl::expected<void, LinkError> version;
+  for (int i = 0; i < 50 && !(version = (*t)->read_inputs(0x0102, words)); ++i) {  // a busy machine may miss 100 ms
+  }
+  ASSERT_TRUE(version) << version.error().cause;
+  EXPECT_EQ(words[0], 1);
+  EXPECT_EQ(words[1], 0);
+}
+
 TEST(ModbusRtu, DriverWithoutRs485IsAWarning) {
   Machine machine;
   ModbusServer server(machine, Link::rtu);

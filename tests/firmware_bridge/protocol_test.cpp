@@ -1,6 +1,7 @@
 #include "firmware_bridge/protocol.h"
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <cstdio>
 #include <fstream>
@@ -199,7 +200,7 @@ std::string output_of(const std::string& command, int& status) {
 // No floating-point register may be touched, and nothing be called but the four that every compiler wants.
 TEST(ControllerCoreBuild, CompilesFreestandingWithoutFloatingPoint) {
   for (const std::string name : {"controller_core", "controller_registers"}) {
-    const std::string object = testing::TempDir() + "celadon_" + name + "_freestanding.o";
+    const std::string object = testing::TempDir() + "celadon_" + name + "_" + std::to_string(getpid()) + ".o";
     int status = 0;
     const std::string compiled = output_of(
         std::string(CELADON_CXX) +
