@@ -9,6 +9,7 @@
 #include "fitting/knots.h"
 #include "fitting/nurbs_surface.h"
 #include "fitting/range_function.h"
+#include "tests/fitting/meridian_curvature.h"
 #include "tests/fitting/spline_tools.h"
 
 namespace celadon {
@@ -188,6 +189,26 @@ TEST(SymbolicProduct, CurvatureOfTheSurfaceIsTheRangeFunctions) {
     const SurfacePoint p = f.surface_point(f.base().arcs.theta_of_v(v), 90 * u);
     EXPECT_NEAR(p.curvature_min, kappa[0], 1e-11);
     EXPECT_NEAR(p.curvature_max, kappa[1], 1e-11);
+  }
+}
+
+// Finite differences of evaluated points on both sides of the four meridians where arcs meet.
+TEST(SymbolicProduct, CurvatureDoesNotJumpAtTheMeridians) {
+  std::mt19937_64 random(8);
+  for (int q = 3; q <= 5; ++q) {
+    for (const auto kind : {JointContinuity::curvature, JointContinuity::thesis}) {
+      const RangeFunction f =
+          test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
+                                RangeSpace::closed(q, BaseArcs::full_circle(), 4, kind), band(0, 90), 1);
+      const NurbsSurface s = symbolic_product(f);
+      double largest = 0;
+      for (int j = 0; j < 4; ++j) largest = std::max(largest, std::abs(test::curvature_jump(s, 0.3, j, 1.0 / 512)));
+      if (kind == JointContinuity::curvature) {
+        EXPECT_LT(largest, 1e-9) << q;  // rounding and truncation of the differences
+      } else {
+        EXPECT_GT(largest, 1e-4) << q;
+      }
+    }
   }
 }
 
