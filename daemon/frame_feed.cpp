@@ -139,7 +139,7 @@ tl::expected<Frame, ScanStop> FrameFeed::next() {
       if (auto polled = poll(); !polled) return tl::make_unexpected(polled.error());
       continue;
     }
-    if (std::exchange(ignore_gap_, false)) frame->info.lost_before = 0;
+    if (!counts_lost_) frame->info.lost_before = 0;
     if (lit_) {
       if (auto renewed = renew_lease(false); !renewed) return tl::make_unexpected(renewed.error());
     }

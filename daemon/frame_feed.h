@@ -53,8 +53,8 @@ class FrameFeed {
     std::uint64_t frames = 0, lost = 0, stale = 0, corrupt = 0;
   };
   const Counts& counts() const { return counts_; }
-  /// Frames lost from here to the next one do not count: the table moved between two steps and nobody looked.
-  void ignore_next_gap() { ignore_gap_ = true; }
+  /// Frames that the driver lost count while the table turns continuously; between two steps nobody looks.
+  void count_lost_frames() { counts_lost_ = true; }
 
  private:
   FrameFeed(const ScanEquipment& equipment, ScanObserver& observer, const Triangulator& triangulator, int laser);
@@ -69,7 +69,7 @@ class FrameFeed {
   AngleTimeline timeline_;
   DeviceStatus status_;
   Counts counts_;
-  bool lit_ = false, ignore_gap_ = false;
+  bool lit_ = false, counts_lost_ = false;
   std::int64_t granted_ns_ = 0, shining_since_ns_ = 0;
 };
 

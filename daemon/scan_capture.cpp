@@ -160,6 +160,7 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
   }
 
   if (auto moving = device.start_sweep(target, speed); !moving) return tl::make_unexpected(stop_of(moving.error()));
+  feed.count_lost_frames();
   Intake intake(tools, turn);
   int at_rest = 0;
   while (true) {
@@ -211,7 +212,6 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
     // One step before the first profile, so that it is approached from the same side as all others.
     auto settled = device.rotate_to(base + (k + 1) * pitch, limits.max_speed_rad_per_s);
     if (!settled) return tl::make_unexpected(stop_of(settled.error()));
-    feed.ignore_next_gap();
     if (auto on = feed.keep_laser_on(); !on) return tl::make_unexpected(on.error());
     // After a move longer than the lease the laser has to warm up again.
     const bool dark_between = feed.shining_since_ns() + tools.preparation.warm_up_ns > settled->host_after_ns;

@@ -266,6 +266,8 @@ void ScanQueue::run(std::uint64_t id) {
     machine_.state = ScanState::idle;
     machine_.current_scan = 0;
   }
+  // First the machine, then the scan: who hears of its end and asks for another must not meet a machine that is lost.
+  if (!outcome && (outcome.error().device_lost || outcome.error().camera_lost)) lose_connection(outcome.error().reason);
   change(id, true, [&](ScanRecord& record) {
     record.state = state;
     if (outcome) {
@@ -276,7 +278,6 @@ void ScanQueue::run(std::uint64_t id) {
       record.reason = outcome.error().reason;
     }
   });
-  if (!outcome && (outcome.error().device_lost || outcome.error().camera_lost)) lose_connection(outcome.error().reason);
 }
 
 void ScanQueue::lose_connection(const std::string& reason) {

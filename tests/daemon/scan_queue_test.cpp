@@ -25,7 +25,7 @@ using testing::TemporaryFolder;
 ScanRequest quick_request() {
   ScanRequest request;
   request.name = "test vase";
-  request.profiles = 90;
+  request.profiles = 120;
   request.formats = {"stl", "ply", "surface.json"};  // no STEP: its helper process is tested elsewhere
   return request;
 }
@@ -129,7 +129,7 @@ TEST(ScanQueue, SweepLeavesFilesThatAgreeWithTheObject) {
   EXPECT_EQ(report["model"], "general");
   EXPECT_EQ(report["simulated"], true);
   EXPECT_EQ(report["scan"]["mode"], "sweep");
-  EXPECT_NEAR(report["scan"]["profiles"].get<double>(), 90, 1);
+  EXPECT_NEAR(report["scan"]["profiles"].get<double>(), 120, 1);
   EXPECT_EQ(report["scan"]["lost"], 0);
   EXPECT_LT(report["closure_mm"]["rms"].get<double>(), 0.3);
   EXPECT_EQ(machine.lasers(), 0);
@@ -156,8 +156,8 @@ TEST(ScanQueue, StepModeDropsStaleFramesAndSeesTheSameObject) {
   // four degrees beside its place.
   EXPECT_LT(error_against(machine, record), 0.03);
   const auto report = report_of(record);
-  EXPECT_EQ(report["scan"]["profiles"], 90);
-  EXPECT_GT(report["scan"]["stale"], 90);
+  EXPECT_EQ(report["scan"]["profiles"], 120);
+  EXPECT_GT(report["scan"]["stale"], 120);
   EXPECT_EQ(report["scan"]["lost"], 0);
 }
 
