@@ -41,7 +41,8 @@ ControllerCore::ControllerCore(const ControllerConfig& config, Plant& plant, std
     : config_(config), plant_(plant), boot_id_(boot_id), now_us_(now_us), locked_(config.locked_at_start) {
   plant_.set_lasers(0, now_us);
   for (int i = 0; i < config_.axes; ++i) plant_.stop(i, now_us);  // whatever ran before a reset does not go on
-  for (std::uint64_t& deadline : dark_deadline_us_) deadline = now_us + config_.laser_off_limit_ms * 1000u;
+  for (std::uint64_t& deadline : dark_deadline_us_)
+    deadline = now_us + config_.laser_off_limit_ms * std::uint64_t{1000};
   if (!plant_.inputs(now_us).button) raw_button_ = button_ = false;
   plant_.set_lamp(shown_lamp_, now_us);
   sense(now_us);
@@ -59,7 +60,7 @@ std::uint64_t ControllerCore::next_deadline_us() const {
     if (!(enabled_ & bit(i)) && dark_deadline_us_[i] > now_us_) consider(dark_deadline_us_[i]);
   }
   if (host_alive_) consider(heartbeat_deadline_us_);
-  if (raw_button_ != button_) consider(button_change_us_ + config_.debounce_ms * 1000u);
+  if (raw_button_ != button_) consider(button_change_us_ + config_.debounce_ms * std::uint64_t{1000});
   return next;
 }
 
@@ -150,7 +151,7 @@ void ControllerCore::debounce() {
     raw_button_ = inputs_.button;
     button_change_us_ = now_us_;
   }
-  if (raw_button_ != button_ && now_us_ >= button_change_us_ + config_.debounce_ms * 1000u) {
+  if (raw_button_ != button_ && now_us_ >= button_change_us_ + config_.debounce_ms * std::uint64_t{1000}) {
     button_ = raw_button_;
     if (button_) {
       ++presses_;
@@ -175,7 +176,7 @@ void ControllerCore::show_lamp() {
 
 void ControllerCore::feed_heartbeat() {
   host_alive_ = true;
-  heartbeat_deadline_us_ = now_us_ + config_.heartbeat_timeout_ms * 1000u;
+  heartbeat_deadline_us_ = now_us_ + config_.heartbeat_timeout_ms * std::uint64_t{1000};
 }
 
 bool ControllerCore::any_motion() const {
@@ -191,7 +192,7 @@ void ControllerCore::lasers_off(std::uint16_t mask) {
   enabled_ = static_cast<std::uint16_t>(enabled_ & ~off);
   plant_.set_lasers(enabled_, now_us_);
   for (int i = 0; i < config_.lasers; ++i) {
-    if (off & bit(i)) dark_deadline_us_[i] = now_us_ + config_.laser_off_limit_ms * 1000u;
+    if (off & bit(i)) dark_deadline_us_[i] = now_us_ + config_.laser_off_limit_ms * std::uint64_t{1000};
   }
 }
 
@@ -287,7 +288,7 @@ Exception ControllerCore::grant(int first, int count, const std::uint16_t* lease
       off = static_cast<std::uint16_t>(off | laser);
     } else {
       on = static_cast<std::uint16_t>(on | laser);
-      lease_deadline_us_[first + i] = now_us_ + lease_ms[i] * 1000u;
+      lease_deadline_us_[first + i] = now_us_ + lease_ms[i] * std::uint64_t{1000};
     }
   }
   lasers_off(off);
