@@ -104,6 +104,10 @@ int fit(const FitArguments& arguments) {
   const RangeFitOptions options = fit_options(arguments);
   const auto grid = choose_grid(**samples, options);
   if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
+  if (!grid && (*samples)->skipped() > 0) {
+    return fail(2, "'" + arguments.input + "': " + grid.error().message + " (" + std::to_string((*samples)->skipped()) +
+                       " points have NaN or infinite coordinates and do not count)");
+  }
   if (!grid) return fail(2, "'" + arguments.input + "': " + grid.error().message);
   notes.seconds.push_back({"read", watch.lap()});
   MomentGrid sums(*grid);

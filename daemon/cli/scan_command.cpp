@@ -94,7 +94,8 @@ int status(const std::string& server) {
   std::printf("%s\n", json::parse(machine->body).dump(2).c_str());
   const auto scans = client.get("/api/v1/scans");
   if (!scans) return fail(3, scans.error());
-  for (const auto& record : json::parse(scans->body)["scans"]) {
+  const json list = json::parse(scans->body);
+  for (const auto& record : list["scans"]) {
     std::printf("scan %llu  %-11s  %s  %s\n", static_cast<unsigned long long>(record["id"].get<std::uint64_t>()),
                 record["state"].get<std::string>().c_str(), record.value("created", "").c_str(),
                 record.value("reason", "").c_str());

@@ -1,0 +1,229 @@
+// `celadon fit` and `celadon evaluate` as a user calls them: exact shapes come back exact, and every bad input gets one
+// sentence, the right exit code and no file.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <numbers>
+#include <random>
+#include <sstream>
+
+#include "tests/daemon/step_reader.h"
+#include "tests/integration/process.h"
+
+namespace celadon::testing {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// Points r(theta, z) on scattered places, as text with 17 digits.
+template <class Radius>
+std::string cloud_of(Radius radius, int count, double noise_mm = 0) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> turn(0, 2 * std::numbers::pi), height(0, 80);
+  std::normal_distribution<double> noise(0, 1);
+  std::string text;
+  char line[128];
+  for (int k = 0; k < count; ++k) {
+    const double t = turn(random), z = height(random), r = radius(t, z) + noise_mm * noise(random);
+    std::snprintf(line, sizeof line, "%.17g %.17g %.17g\n", r * std::cos(t), r * std::sin(t), z);
+    text += line;
+  }
+  return text;
+}
+
+// The only spline surface of a STEP file, in millimetres.
+StepSurface wall_of(const fs::path& file) {
+  const auto step = StepFile::parse(read_file(file));
+  for (const char* type : {"B_SPLINE_SURFACE_WITH_KNOTS", "RATIONAL_B_SPLINE_SURFACE"}) {
+    const auto found = step.all(type);
+    if (found.size() == 1) return StepSurface::of(step, found[0]);
+  }
+  throw std::runtime_error("not one spline surface in " + file.string());
+}
+
+Eigen::Vector3d at_fraction(const StepSurface& wall, double u, double v) {
+  const auto mix = [](const std::vector<double>& knots, double t) {
+    return knots.front() + t * (knots.back() - knots.front());
+  };
+  return wall.evaluate(mix(wall.knots_u, u), mix(wall.knots_v, v));
+}
+
+TEST(FitCommand, CylinderComesBackExactFromTheStepFile) {
+  const TemporaryFolder folder;
+  const auto input = folder.write("cylinder.xyz", cloud_of([](double, double) { return 25.0; }, 20000));
+  const auto outcome = run({"celadon", "fit", input, "-o", folder / "c.step", "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json report = json::parse(read_file(folder / "r.json"));
+  EXPECT_EQ(report["model"], "cylinder");
+  EXPECT_EQ(report["degree"], json({1, 2}));
+  EXPECT_EQ(report["simulated"], false);
+  const StepSurface wall = wall_of(folder / "c.step");
+  double worst = 0;
+  for (int i = 0; i <= 20; ++i) {
+    for (int j = 0; j <= 97; ++j) {
+      const auto p = at_fraction(wall, i / 20.0, j / 97.0);
+      worst = std::max(worst, std::abs(std::hypot(p[0], p[1]) - 25.0));
+    }
+  }
+  EXPECT_LT(worst, 1e-9);
+}
+
+TEST(FitCommand, RevolutionComesBackExactFromTheStepFile) {
+  // A cubic in z lies in every space of degree 3.
+  const auto radius = [](double, double z) { return 30 + 0.2 * z - 0.006 * z * z + 4e-5 * z * z * z; };
+  const TemporaryFolder folder;
+  const auto input = folder.write("revolution.xyz", cloud_of(radius, 20000));
+  const auto outcome =
+      run({"celadon", "fit", input, "-o", folder / "c.step", folder / "surface.json", "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json report = json::parse(read_file(folder / "r.json"));
+  EXPECT_EQ(report["model"], "revolution");
+  EXPECT_EQ(report["degree"], json({3, 2}));
+  const StepSurface wall = wall_of(folder / "c.step");
+  double worst = 0;
+  for (int i = 0; i <= 40; ++i) {
+    for (int j = 0; j <= 97; ++j) {
+      const auto p = at_fraction(wall, i / 40.0, j / 97.0);
+      worst = std::max(worst, std::abs(std::hypot(p[0], p[1]) - radius(0, p[2])));
+    }
+  }
+  EXPECT_LT(worst, 1e-9);
+
+  // evaluate: the same radius, and the normal and curvatures of the closed form.
+  const auto evaluated =
+      run({"celadon", "evaluate", folder / "surface.json", "--angles", "0:45:315", "--heights", "20,40"});
+  ASSERT_EQ(evaluated.exit_code, 0) << evaluated.err;
+  std::istringstream lines(evaluated.out);
+  std::string line;
+  std::getline(lines, line);
+  int rows = 0;
+  for (; std::getline(lines, line); ++rows) {
+    std::vector<double> v;
+    std::istringstream cells(line);
+    for (std::string cell; std::getline(cells, cell, ',');) v.push_back(std::stod(cell));
+    ASSERT_EQ(v.size(), 11u);
+    const double z = v[1], slope = 0.2 - 0.012 * z + 12e-5 * z * z, bend = -0.012 + 24e-5 * z;
+    const double r = radius(0, z), metric = std::sqrt(1 + slope * slope);
+    EXPECT_NEAR(v[2], r, 1e-9);
+    EXPECT_NEAR(v[8], -slope / metric, 1e-8);
+    const double along = -bend / (metric * metric * metric), around = 1 / (r * metric);
+    EXPECT_NEAR(v[9], std::max(along, around), 1e-8);
+    EXPECT_NEAR(v[10], std::min(along, around), 1e-8);
+  }
+  EXPECT_EQ(rows, 16);
+}
+
+TEST(FitCommand, SameInputGivesTheSameBytes) {
+  const TemporaryFolder folder;
+  const auto input = folder.write(
+      "part.xyz", cloud_of([](double t, double z) { return 30 + std::cos(3 * t) + 0.02 * z; }, 8000, 0.02));
+  for (const char* name : {"a", "b"}) {
+    const auto outcome =
+        run({"celadon", "fit", input, "-o", folder / (std::string(name) + ".step"),
+             folder / (std::string(name) + ".stl"), folder / (std::string(name) + ".json"), "--name", "part"});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  }
+  for (const char* end : {".step", ".stl", ".json"}) {
+    EXPECT_EQ(read_file(folder / (std::string("a") + end)), read_file(folder / (std::string("b") + end))) << end;
+  }
+}
+
+TEST(FitCommand, EveryBadInputGetsOneSentenceAndNoFile) {
+  const TemporaryFolder folder;
+  const std::string good = cloud_of([](double, double) { return 25.0; }, 3000);
+  std::string on_axis, not_numbers;
+  for (int k = 0; k < 3000; ++k) on_axis += "0 0 " + std::to_string(k) + "\n";
+  for (int k = 0; k < 3000; ++k) not_numbers += "nan inf " + std::to_string(k) + "\n";
+  struct Case {
+    const char* name;
+    std::string bytes;
+    std::vector<std::string> more;
+    const char* says;
+  };
+  const std::vector<Case> cases = {
+      {"empty.xyz", "", {}, "empty"},
+      {"axis.xyz", on_axis, {}, "axis"},
+      {"nan.xyz", not_numbers, {}, "infinite"},
+      {"three.xyz", "1 0 0\n0 1 1\n-1 0 2\n", {}, "sectors"},
+      {"few.xyz",
+       cloud_of([](double, double) { return 25.0; }, 60),
+       {"--model", "general", "--knots", "4", "4"},
+       "60"},
+      {"lying.ply",
+       "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\nproperty float x\nproperty float y\n"
+       "property float z\nend_header\n1234567890ab",
+       {},
+       "1 000 000 000 000"},
+      {"lying.pcd",
+       "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1000000000000\nHEIGHT 1\nPOINTS "
+       "1000000000000\n"
+       "DATA binary\n123456789012",
+       {},
+       "1 000 000 000 000"},
+      {"words.xyz", good + "one two three\n", {}, "3 001"},
+      {"picture.xyz", std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16), {}, "picture.xyz"},
+      {"unit.xyz", good, {"--unit", "furlong"}, "furlong"},
+      {"axis-name.xyz", good, {"--axis", "w"}, "w"},
+      {"degree.xyz", good, {"--degree", "9", "3"}, "9"},
+  };
+  for (const Case& c : cases) {
+    const auto input = folder.write(c.name, c.bytes);
+    const auto output = folder / "out.step";
+    std::vector<std::string> command = {"celadon", "fit", input, "-o", output};
+    command.insert(command.end(), c.more.begin(), c.more.end());
+    const auto outcome = run(command);
+    EXPECT_EQ(outcome.exit_code, 2) << c.name << ": " << outcome.out << outcome.err;
+    EXPECT_NE(outcome.err.find(c.says), std::string::npos) << c.name << ": " << outcome.err;
+    EXPECT_FALSE(fs::exists(output)) << c.name;
+  }
+  const auto missing = run({"celadon", "fit", folder / "nowhere.xyz", "-o", folder / "o.step"});
+  EXPECT_EQ(missing.exit_code, 2);
+  EXPECT_NE(missing.err.find("nowhere.xyz"), std::string::npos) << missing.err;
+  const auto ending = run({"celadon", "fit", folder / "empty.xyz", "-o", folder / "o.dwg"});
+  EXPECT_EQ(ending.exit_code, 2);
+  EXPECT_NE(ending.err.find(".dwg"), std::string::npos) << ending.err;
+}
+
+TEST(FitCommand, FullDiskLeavesNothingUnderTheFinalName) {
+  const TemporaryFolder folder;
+  const auto input =
+      folder.write("part.xyz", cloud_of([](double t, double) { return 25.0 + std::cos(2 * t); }, 5000, 0.01));
+  for (const char* name : {"o.step", "o.stl", "surface.json"}) {
+    const auto outcome = run({"celadon", "fit", input, "-o", folder / name}, 2000);
+    EXPECT_EQ(outcome.exit_code, 4) << name << outcome.err;
+    EXPECT_FALSE(fs::exists(folder / name)) << name;
+    EXPECT_NE(outcome.err.find(name), std::string::npos) << outcome.err;
+  }
+}
+
+TEST(LineCommand, BadPicturesAreRefused) {
+  const TemporaryFolder folder;
+  const auto black = folder.write("black.pgm", "P5\n128 32\n255\n" + std::string(128 * 32, '\0'));
+  const auto nothing = run({"celadon", "line", black});
+  EXPECT_EQ(nothing.exit_code, 1) << nothing.err;
+  const auto narrow = folder.write("narrow.pgm", "P5\n32 8\n255\n" + std::string(256, '\0'));
+  EXPECT_EQ(run({"celadon", "line", narrow}).exit_code, 2);
+  const auto mixed = run({"celadon", "line", black, "--off", narrow});
+  EXPECT_EQ(mixed.exit_code, 2);
+  EXPECT_NE(mixed.err.find("128 x 32"), std::string::npos) << mixed.err;
+  const auto torn = folder.write("torn.pgm", "P5\n128 3200\n255\nabc");
+  EXPECT_EQ(run({"celadon", "line", torn}).exit_code, 2);
+}
+
+TEST(Help, ShowsUnitsAndDefaults) {
+  for (const char* command : {"fit", "scan", "line", "evaluate", "watch"}) {
+    const auto outcome = run({"celadon", command, "--help"});
+    EXPECT_EQ(outcome.exit_code, 0);
+    EXPECT_NE(outcome.out.find("-o"), std::string::npos) << command;
+  }
+  EXPECT_NE(run({"celadon", "fit", "--help"}).out.find("[mm]"), std::string::npos);
+  EXPECT_EQ(run({"celadon"}).exit_code, 2);
+  EXPECT_EQ(run({"celadon", "fly"}).exit_code, 2);
+}
+
+}  // namespace
+}  // namespace celadon::testing
