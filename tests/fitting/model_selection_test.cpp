@@ -1,0 +1,54 @@
+#include "fitting/model_selection.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/fitting/selection_scenarios.h"
+
+namespace celadon {
+namespace {
+
+// One scan of each scenario at 10^5 samples (the campaign selection_rates counts many).
+class ModelSelection : public testing::TestWithParam<test::SelectionScenario> {};
+
+TEST_P(ModelSelection, ChoosesTheModelOfTheObject) {
+  const auto& scenario = GetParam();
+  test::MemoryStream stream = test::scan(
+      scenario.shape,
+      {.profiles = 316, .rows = 316, .sigma = test::kSelectionSigma, .correlation = scenario.correlation, .seed = 5});
+  RangeFitOptions options;
+  options.form_tolerance_mm = test::kSelectionDelta;
+  const auto fit = test::fit(stream, options);
+  ASSERT_TRUE(fit) << fit.error().message;
+  EXPECT_EQ(fit->report.model, scenario.expected) << fit->report.decided_by;
+}
+
+INSTANTIATE_TEST_SUITE_P(Scenarios, ModelSelection, testing::ValuesIn([] {
+                           auto all = test::selection_scenarios();
+                           // 60 micrometres over 4 mm show from 10^6 samples on only.
+                           std::erase_if(all, [](const auto& s) { return s.name.find("dent") != std::string::npos; });
+                           return all;
+                         }()),
+                         [](const auto& scenario) {
+                           std::string name = scenario.param.name;
+                           std::erase_if(name, [](char c) { return !std::isalnum(static_cast<unsigned char>(c)); });
+                           return name;
+                         });
+
+// Runout ten times the form tolerance is refused with it, and without.
+TEST(ModelSelectionRule, ToleranceAndStatisticsAreToldApart) {
+  const auto runout = [](double t, double) { return 30 + 0.005 * std::cos(2 * t); };
+  const auto decide = [&](double delta) {
+    test::MemoryStream stream = test::scan(runout, {.profiles = 400, .rows = 400, .sigma = 0.01});
+    RangeFitOptions options;
+    options.form_tolerance_mm = delta;
+    const auto fit = test::fit(stream, options);
+    return std::pair(fit->report.model, fit->report.decided_by);
+  };
+  const auto tight = decide(1e-4), wide = decide(0.01);
+  EXPECT_EQ(tight.first, SurfaceModel::translational);
+  EXPECT_EQ(wide.first, SurfaceModel::cylinder);
+  EXPECT_NE(wide.second.find("the samples alone say translational"), std::string::npos) << wide.second;
+}
+
+}  // namespace
+}  // namespace celadon

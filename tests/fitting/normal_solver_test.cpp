@@ -1,0 +1,202 @@
+#include "fitting/normal_solver.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <random>
+
+#include "fitting/block_cholesky.h"
+#include "fitting/fit_ladder.h"
+#include "fitting/knot_selection.h"
+#include "tests/fitting/fit_tools.h"
+
+namespace celadon {
+namespace {
+
+using test::dense;
+using test::even_breaks;
+using test::freeform;
+using test::kPi;
+
+struct Cloud {
+  std::vector<double> r, theta, v, z;
+};
+
+Cloud random_cloud(int n, unsigned seed) {
+  std::mt19937_64 random(seed);
+  std::uniform_real_distribution<double> share(0, 1);
+  std::normal_distribution<double> normal;
+  Cloud c;
+  const BaseArcs arcs = BaseArcs::full_circle();
+  for (int k = 0; k < n; ++k) {
+    c.theta.push_back(2 * kPi * share(random));
+    c.z.push_back(120 * share(random));
+    c.r.push_back(freeform(c.theta.back(), c.z.back()) + 0.1 * normal(random));
+    c.v.push_back(arcs.v_of_theta(c.theta.back()));
+  }
+  return c;
+}
+
+FitSpace space(int p, int q, int intervals, int per_arc, JointContinuity continuity = JointContinuity::curvature) {
+  return {p == 0 ? RangeSpace::constant({0, 120}) : RangeSpace::open(p, even_breaks(0, 120, intervals)),
+          q == 0 ? RangeSpace::constant({0, 4}) : RangeSpace::closed(q, BaseArcs::full_circle(), per_arc, continuity)};
+}
+
+// Against least squares on the samples themselves: QR of the design matrix, its basis by Cox - de Boor.
+TEST(NormalEquations, GiveTheLeastSquaresFitOfTheSamples) {
+  const Cloud c = random_cloud(900, 2);
+  const Eigen::Map<const Eigen::VectorXd> r(c.r.data(), static_cast<Eigen::Index>(c.r.size()));
+  for (int p = 0; p <= 5; ++p)
+    for (int q = 0; q <= 5; ++q)
+      for (const auto continuity : {JointContinuity::curvature, JointContinuity::thesis}) {
+        MomentGrid grid({0, 120, 4, 2, std::max(p, 1), std::max(q, 1)});
+        grid.add(c.r, c.theta, c.z);
+        const FitSpace s = space(p, q, 2, 2, continuity);
+        const NormalEquations equations(grid, s);
+        const auto free = NormalSolver(equations).solve();
+        ASSERT_TRUE(free) << p << ", " << q;
+        const Eigen::MatrixXd rows = test::design(s, c.v, c.z);
+        const Eigen::VectorXd x = rows.colPivHouseholderQr().solve(r);
+        const Eigen::Map<const Eigen::VectorXd> found(free->data(), free->size());
+        EXPECT_LT((rows * (found - x)).cwiseAbs().maxCoeff(), 2e-9) << p << ", " << q;
+        const double rss = (r - rows * x).squaredNorm();
+        EXPECT_NEAR(equations.residual_square(*free), rss, 1e-9 * rss) << p << ", " << q;
+      }
+}
+
+TEST(NormalEquations, MatrixIsThatOfTheDesign) {
+  const Cloud c = random_cloud(700, 3);
+  const Eigen::Map<const Eigen::VectorXd> r(c.r.data(), static_cast<Eigen::Index>(c.r.size()));
+  MomentGrid grid({0, 120, 8, 4, 3, 3});
+  grid.add(c.r, c.theta, c.z);
+  for (const int per_arc : {1, 2, 4}) {
+    const FitSpace s = space(3, 3, 8, per_arc);
+    const NormalEquations equations(grid, s);
+    const Eigen::MatrixXd rows = test::design(s, c.v, c.z), expected = rows.transpose() * rows;
+    EXPECT_LT((dense(equations.matrix()) - expected).cwiseAbs().maxCoeff(), 1e-13 * expected.maxCoeff()) << per_arc;
+    const Eigen::VectorXd b = rows.transpose() * r;
+    const Eigen::MatrixXd zero = Eigen::MatrixXd::Zero(s.u.free_count(), s.v.free_count());
+    const Eigen::MatrixXd found = equations.gradient(zero);
+    EXPECT_LT((Eigen::Map<const Eigen::VectorXd>(found.data(), found.size()) - b).cwiseAbs().maxCoeff(),
+              1e-13 * b.maxCoeff());
+  }
+}
+
+// A_coarse = K' A_fine K: coarse spaces taken from fine sums against coarse sums of the same samples.
+TEST(NormalEquations, RestrictionToCoarserAndSimplerSpacesIsExact) {
+  const Cloud c = random_cloud(5000, 4);
+  MomentGrid fine({0, 120, 32, 16, 3, 3});
+  fine.add(c.r, c.theta, c.z);
+  const auto compare = [&](const GridSpecification& spec, const FitSpace& s) {
+    MomentGrid coarse(spec);
+    coarse.add(c.r, c.theta, c.z);
+    const Eigen::MatrixXd a = dense(NormalEquations(fine, s).matrix()), b = dense(NormalEquations(coarse, s).matrix());
+    return (a - b).cwiseAbs().maxCoeff() / b.cwiseAbs().maxCoeff();
+  };
+  EXPECT_LT(compare({0, 120, 4, 2, 3, 3}, space(3, 3, 4, 2)), 2e-15);
+  EXPECT_LT(compare({0, 120, 8, 1, 3, 3}, space(3, 3, 8, 1)), 2e-15);
+  EXPECT_LT(compare({0, 120, 8, 1, 3, 3}, space(3, 0, 8, 1)), 2e-15);
+  EXPECT_LT(compare({0, 120, 1, 4, 3, 3}, space(0, 3, 1, 4)), 2e-15);
+  EXPECT_LT(compare({0, 120, 1, 1, 3, 3}, space(0, 0, 1, 1)), 2e-15);
+}
+
+TEST(NormalEquations, BreaksOffTheGridAreAProgrammersError) {
+  const MomentGrid grid({0, 120, 8, 4, 3, 3});
+  EXPECT_THROW(NormalEquations(grid, space(3, 3, 5, 4)), std::invalid_argument);
+  EXPECT_THROW(NormalEquations(grid, space(3, 3, 8, 8)), std::invalid_argument);
+  EXPECT_THROW(NormalEquations(grid, space(4, 3, 8, 4)), std::invalid_argument);
+}
+
+TEST(NormalSolver, IterationFactorAndDenseSolutionAgree) {
+  const Cloud c = random_cloud(40000, 5);
+  MomentGrid grid({0, 120, 16, 8, 5, 5});
+  grid.add(c.r, c.theta, c.z);
+  struct Case {
+    int p, q, intervals, per_arc;
+  };
+  for (const Case& k : {Case{3, 3, 16, 8}, Case{5, 5, 16, 4}, Case{3, 3, 16, 1}, Case{2, 4, 2, 8}, Case{1, 1, 16, 8}}) {
+    const NormalEquations equations(grid, space(k.p, k.q, k.intervals, k.per_arc));
+    for (const double smoothing : {0.0, 1e-6, 1e-3}) {
+      NormalSolver iteration(equations, smoothing, {.tolerance = 1e-12, .max_iterations = 400});
+      NormalSolver direct(equations, smoothing, {.direct = true});
+      const auto x = iteration.solve(), y = direct.solve();
+      ASSERT_TRUE(x && y);
+      EXPECT_TRUE(direct.direct());
+      StencilMatrix system = equations.matrix();
+      if (smoothing > 0) {
+        const BendingEnergy energy = bending_energy(equations);
+        energy.add_to(system, smoothing * dense(equations.matrix()).trace() / energy.trace());
+      }
+      const auto& rhs = equations.right_hand_side();
+      Eigen::VectorXd b(system.size());
+      for (int i = 0; i < system.size(); ++i) b(i) = rhs[system.at(i % system.count_u(), i / system.count_u())];
+      const Eigen::VectorXd z = dense(system).ldlt().solve(b);
+      EXPECT_LT((Eigen::Map<const Eigen::VectorXd>(y->data(), y->size()) - z).cwiseAbs().maxCoeff(), 1e-8);
+      EXPECT_LT((*x - *y).cwiseAbs().maxCoeff(), 1e-8);
+    }
+  }
+}
+
+TEST(NormalSolver, IterationIsTheUsualWayAndTakesFewSteps) {
+  const Cloud c = random_cloud(200000, 6);
+  MomentGrid grid({0, 120, 32, 16, 3, 3});
+  grid.add(c.r, c.theta, c.z);
+  const NormalEquations equations(grid, space(3, 3, 32, 16));
+  NormalSolver solver(equations);
+  ASSERT_TRUE(solver.solve());
+  EXPECT_FALSE(solver.direct());
+  EXPECT_LE(solver.iterations(), 20);
+}
+
+TEST(NormalSolver, FallsBackWhenTheIterationDoesNotConverge) {
+  const Cloud c = random_cloud(40000, 7);
+  MomentGrid grid({0, 120, 16, 8, 3, 3});
+  grid.add(c.r, c.theta, c.z);
+  const NormalEquations equations(grid, space(3, 3, 16, 8));
+  NormalSolver solver(equations, 0, {.tolerance = 1e-12, .max_iterations = 1});
+  NormalSolver usual(equations);
+  const auto x = solver.solve(), y = usual.solve();
+  ASSERT_TRUE(x && y);
+  EXPECT_TRUE(solver.direct());
+  EXPECT_LT((*x - *y).cwiseAbs().maxCoeff(), 1e-8);
+}
+
+TEST(NormalSolver, EmptyCellsAreBridgedWithoutTouchingTheRest) {
+  Cloud c = random_cloud(60000, 8), kept;
+  for (std::size_t k = 0; k < c.r.size(); ++k) {
+    if (c.theta[k] > 1 && c.theta[k] < 2.2 && c.z[k] > 30 && c.z[k] < 90) continue;
+    kept.r.push_back(c.r[k]), kept.theta.push_back(c.theta[k]), kept.z.push_back(c.z[k]), kept.v.push_back(c.v[k]);
+  }
+  MomentGrid grid({0, 120, 16, 8, 3, 3});
+  grid.add(kept.r, kept.theta, kept.z);
+  const FitLadder ladder(grid, {0, 16}, 3, 3, JointContinuity::curvature);
+  const auto fit = solve_member(grid, ladder, {0, 0}, {});
+  ASSERT_TRUE(fit);
+  EXPECT_GT(fit->equations->empty_cells(), 0);
+  // The gradient vanishes: on the samples it is plain least squares.
+  EXPECT_LT(fit->equations->gradient(fit->free).cwiseAbs().maxCoeff(), 1e-4);
+  // In the gap the surface stays within what surrounds it.
+  const RangeFunction f = range_function(*fit->equations, fit->free);
+  EXPECT_LT(std::abs(f(1.6, 60) - freeform(1.6, 60)), 3);
+}
+
+TEST(NormalSolver, EffectiveParametersAreTheTrace) {
+  const Cloud c = random_cloud(9000, 9);
+  MomentGrid grid({0, 120, 16, 4, 3, 3});
+  grid.add(c.r, c.theta, c.z);
+  for (const int per_arc : {2, 4}) {
+    const NormalEquations equations(grid, space(3, 3, 16, per_arc));
+    for (const double smoothing : {1e-5, 1e-3}) {
+      const Eigen::MatrixXd a = dense(equations.matrix());
+      StencilMatrix system = equations.matrix();
+      const BendingEnergy energy = bending_energy(equations);
+      energy.add_to(system, smoothing * a.trace() / energy.trace());
+      const double exact = dense(system).ldlt().solve(a).trace();
+      NormalSolver solver(equations, smoothing);
+      EXPECT_NEAR(solver.effective_parameters(), exact, 0.06 * exact);
+    }
+  }
+}
+
+}  // namespace
+}  // namespace celadon
