@@ -307,8 +307,8 @@ std::string DeviceModel::camera_identity() const {
 }
 
 Calibration DeviceModel::calibration() const {
-  // The parameters are exact; what remains is the rounding of doubles and what a model of thin sheets and pinholes can
-  // not express: the middle of a sheet's image on curved glaze is a few micrometres off its plane.
+  // The parameters are exact; their uncertainties are those of doubles. What the model of a thin sheet can not express
+  // is in systematic_mm.
   const OpticsConfig& o = config_.optics;
   const CameraIntrinsics& in = o.camera;
   Calibration c;
@@ -338,7 +338,7 @@ Calibration DeviceModel::calibration() const {
   c.encoder_scale = {1, 1e-9};
   c.direction = 1;
   c.scale = {1, 1e-9};
-  c.systematic_mm = 0.002;
+  c.systematic_mm = 2.5 * o.sheet.sigma_mm * o.sheet.sigma_mm / 30;  // README.md, "What a line really shows"
   c.time.stamp_offset_ns = {-static_cast<double>(config_.camera.stamp_latency_ns), 1};
   c.time.exposure_factor = {-0.5, 1e-9};
   c.time.line_time_ns = {static_cast<double>(config_.camera.line_time_ns()), 1e-3};

@@ -31,8 +31,10 @@ class Pacer {
   void forget(std::uint64_t client);
   /// A new number for a connection.
   std::uint64_t new_client() { return ++clients_; }
-  /// Real time left until the device's clock shows that instant.
-  std::int64_t real_time_until(std::int64_t device_ns) const { return device_ns - offset_ns_ - monotonic_ns(); }
+  /// Real time left until the device's clock shows that instant; INT64_MAX is never.
+  std::int64_t real_time_until(std::int64_t device_ns) const {
+    return device_ns == INT64_MAX ? INT64_MAX : device_ns - offset_ns_ - monotonic_ns();
+  }
 
  private:
   DeviceModel& model_;
