@@ -16,7 +16,7 @@
 namespace celadon {
 
 /// The weight that bridges gaps and touches nothing else, relative to the traces.
-inline constexpr double kVanishingWeight = 1e-8;
+inline constexpr double kVanishingWeight = 1e-6;
 
 /// Levels of both directions.
 struct LadderLevels {

@@ -1,6 +1,6 @@
 #pragma once
-// The native range data of the scanner, in the scanner frame: right-handed, z the rotary axis upward, theta in [0, 2 pi)
-// counter-clockwise seen from +z. All lengths in millimetres, angles in radians, times in nanoseconds.
+// The native range data of the scanner, in the scanner frame: right-handed, z the rotary axis upward, theta in [0, 2
+// pi) counter-clockwise seen from +z. All lengths in millimetres, angles in radians, times in nanoseconds.
 
 #include <cstddef>
 #include <cstdint>
@@ -23,16 +23,16 @@ enum class ProfileOrder : std::uint8_t {
 /// z_mm have the same length; covariance, row and flags are either empty or of that length too. Samples are
 /// independent: never smoothed along the line.
 struct Profile {
-  std::uint32_t index = 0;       ///< number of the profile in the scan, from 0
-  std::uint16_t pose = 0;        ///< rigid placement of the object this profile belongs to
-  std::uint8_t laser = 0;        ///< number of the laser
+  std::uint32_t index = 0;  ///< number of the profile in the scan, from 0
+  std::uint16_t pose = 0;   ///< rigid placement of the object this profile belongs to
+  std::uint8_t laser = 0;   ///< number of the laser
   ProfileOrder order = ProfileOrder::rows;
-  double lift_mm = 0;            ///< height of the lift axis
-  double table_angle_rad = 0;    ///< table angle at the middle row's instant
-  std::int64_t time_ns = 0;      ///< middle row's instant, host clock
+  double lift_mm = 0;          ///< height of the lift axis
+  double table_angle_rad = 0;  ///< table angle at the middle row's instant
+  std::int64_t time_ns = 0;    ///< middle row's instant, host clock
 
-  std::vector<double> r_mm;      ///< > 0
-  std::vector<double> theta_rad; ///< any real; equality modulo 2 pi
+  std::vector<double> r_mm;       ///< > 0
+  std::vector<double> theta_rad;  ///< any real; equality modulo 2 pi
   std::vector<double> z_mm;
   std::vector<SampleCovariance> covariance;
   std::vector<std::uint16_t> row;

@@ -90,11 +90,11 @@ struct Domain {
 
 tl::expected<std::unique_ptr<Domain>, FitError> make_domain(const MomentGrid& sums, const SectorExtents* extents,
                                                             const RangeFitOptions& options, bool whole_turn) {
+  const FitLadder all(sums, {0, sums.z_cells()}, options.degree_u, options.degree_v, options.continuity);
+  if (auto error = refuse_too_few(sums, all, options)) return tl::unexpected(*error);
   const CoveredBand band = find_covered_band(sums, extents);
   if (auto error = refuse(band, whole_turn)) return tl::unexpected(*error);
-  auto domain = std::make_unique<Domain>(sums, band, options);
-  if (auto error = refuse_too_few(sums, domain->ladder, options)) return tl::unexpected(*error);
-  return domain;
+  return std::make_unique<Domain>(sums, band, options);
 }
 
 struct Noise {

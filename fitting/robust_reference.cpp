@@ -256,10 +256,16 @@ bool RobustReference::solve(bool weighted) {
       z.push_back(p->z);
     }
     fitted.resize(r.size());
-    if (weighted) function_.evaluate(theta.data(), z.data(), r.size(), fitted.data());
+    double trim = 0;  // to begin with: what lies about the middle of its cell
+    if (weighted) {
+      function_.evaluate(theta.data(), z.data(), r.size(), fitted.data());
+    } else {
+      for (std::size_t k = 0; k < r.size(); ++k) fitted[k] = std::abs(r[k] - c->median);
+      trim = kTukey * kMad * median_of(fitted);
+    }
     std::size_t kept = 0;
     for (std::size_t k = 0; k < r.size(); ++k) {
-      const double weight = weighted ? tukey((r[k] - fitted[k]) / cell.limit) : 1;
+      const double weight = weighted ? tukey((r[k] - fitted[k]) / cell.limit) : std::abs(r[k] - c->median) <= trim;
       if (weight <= 0) continue;
       r[kept] = r[k], theta[kept] = theta[k], z[kept] = z[k];
       w.push_back(weight);
@@ -327,7 +333,7 @@ bool RobustReference::fit() {
   choose_single_values();
   if (!solve(false)) return false;
   update_limits();
-  for (int k = 0; k < 6; ++k) {
+  for (int k = 0; k < 8; ++k) {
     if (!solve(true)) return false;
     update_limits();
   }

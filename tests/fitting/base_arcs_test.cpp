@@ -117,6 +117,30 @@ TEST(BaseArcs, JointsAndSeam) {
   EXPECT_EQ(circle.theta_of_v(2), kPi);
 }
 
+// A few ulps on either side of each joint, where the arc of an angle is decided by its last bits.
+TEST(BaseArcs, AnglesNextToTheJointsKeepTheirPlace) {
+  const BaseArcs circle = BaseArcs::full_circle();
+  for (int j = -20; j <= 40; ++j) {
+    double theta = j * kPi / 2;
+    for (int k = 0; k < 6; ++k) theta = std::nextafter(theta, -100.0);
+    for (int k = -6; k <= 6; ++k, theta = std::nextafter(theta, 100.0)) {
+      const long double turned = std::fmod(static_cast<long double>(theta) + 40 * kPiL, 2 * kPiL);
+      const auto truth = static_cast<double>(printed_v(circle, turned, kPiL / 2));
+      const double v = circle.v_of_theta(theta);
+      EXPECT_GE(v, 0);
+      EXPECT_LE(v, 4);
+      EXPECT_LT(std::abs(std::remainder(v - truth, 4.0)), 1e-14) << j << " " << k;  // 0 and 4 are one place
+    }
+  }
+  // Open arcs: the joints and both ends.
+  const BaseArcs arcs = BaseArcs::open(0.1, 4);
+  for (int j = 0; j <= 3; ++j) {
+    double theta = 0.1 + j * arcs.arc_rad();
+    for (int k = 0; k < 6; ++k) theta = std::nextafter(theta, -100.0);
+    for (int k = -6; k <= 6; ++k, theta = std::nextafter(theta, 100.0)) EXPECT_NEAR(arcs.v_of_theta(theta), j, 1e-14);
+  }
+}
+
 TEST(BaseArcs, OpenArcsClampToTheNearerEnd) {
   const BaseArcs arcs = BaseArcs::open(-1, 2);  // two arcs around theta = 0
   EXPECT_EQ(arcs.v_of_theta(-1.2), 0);

@@ -188,6 +188,10 @@ TEST(RangeFunction, OffCentreCircleHasConstantCurvatureAcrossTheJoints) {
     EXPECT_NEAR(p.curvature_max, 1 / R, 2e-6) << t;
     EXPECT_NEAR(p.curvature_min, 0, 1e-15);
     EXPECT_LT((p.normal_W - Eigen::Vector3d((p.p_W.x() - d) / R, p.p_W.y() / R, 0)).norm(), 1e-6);
+    // e_p cos(psi) is the distance to first order: psi reaches 17 degrees here, 4 % of a distance.
+    const Eigen::Vector3d outside(p.p_W.x() + 0.01 * std::cos(t), p.p_W.y() + 0.01 * std::sin(t), 5);
+    const double distance = std::hypot(outside.x() - d, outside.y()) - R;
+    EXPECT_NEAR(f.membership(outside).signed_distance_mm, distance, 5e-6) << t;
   }
 }
 

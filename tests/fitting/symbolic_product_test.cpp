@@ -212,6 +212,18 @@ TEST(SymbolicProduct, CurvatureDoesNotJumpAtTheMeridians) {
   }
 }
 
+// Coefficients that close but for the rounding of whoever computed them still give one seam.
+TEST(SymbolicProduct, SeamIsOneColumnOfControlPoints) {
+  std::mt19937_64 random(10);
+  const RangeFunction f = test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
+                                                RangeSpace::closed(3, BaseArcs::full_circle(), 3), band(0, 90));
+  Eigen::MatrixXd c = f.coefficients();
+  c.rightCols(1) *= 1 + 1e-13;
+  const NurbsSurface s = symbolic_product({f.base(), 3, 3, f.knots_u(), f.knots_v(), c});
+  for (int i = 0; i < s.count_u(); ++i) EXPECT_EQ(s.control_point(i, 0), s.control_point(i, s.count_v() - 1));
+  EXPECT_TRUE(s.closed_v);
+}
+
 TEST(SymbolicProduct, OpenSeamIsRefused) {
   const RangeFunction f(band(0, 1), 0, 1, {0, 1}, {0, 0, 1, 2, 3, 4, 4},
                         (Eigen::RowVectorXd(5) << 1, 1, 1, 1, 2).finished());
