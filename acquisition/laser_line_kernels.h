@@ -14,23 +14,26 @@ enum class Signal : std::uint8_t { grey, yuyv_luma, yuyv_red, yuyv_green };
 
 inline constexpr int kMaximumWidthPx = 4096;
 inline constexpr int kMinimumWidthPx = 64;
-inline constexpr int kPaddingCells = 80;  ///< before and after a decimated row: longest vector and the score's reach
-inline constexpr int kWindowPx = 64;      ///< pixels a row hands to the refinement
-inline constexpr int kBatchRows = 16;     ///< rows refined together, one per SIMD lane
+inline constexpr int kPaddingCells = 128;  ///< before and after a decimated row: longest vector and the score's reach
+inline constexpr int kCutPx = 80;          ///< pixels cut out about the coarse peak
+inline constexpr int kWindowPx = 64;       ///< pixels left when the cut is centred on the zero crossing
+inline constexpr int kBatchRows = 16;      ///< rows refined together, one per SIMD lane
 
-/// Decimated rows and a batch of windows; [pixel][row], so that every lane works on a row of its own.
+/// Decimated rows, and a batch of rows to be refined together.
 struct Scratch {
   alignas(64) std::uint8_t cells[kMaximumWidthPx / 4 + 2 * kPaddingCells];
   alignas(64) std::uint8_t scores[kMaximumWidthPx / 4 + 2 * kPaddingCells];
-  alignas(64) std::int16_t rows[kBatchRows][kWindowPx];               ///< signal by row
-  alignas(64) std::int16_t signal[kWindowPx][kBatchRows];             ///< the same, transposed
-  alignas(64) std::int16_t usable[kWindowPx][kBatchRows];             ///< 0: saturated or outside the frame; else -1
-  alignas(64) float ambient_variance[kBatchRows];                     ///< shot noise of what is not the laser
-  alignas(64) float left_limit[kBatchRows], right_limit[kBatchRows];  ///< frame's first and last pixel in the window
-  alignas(64) float x[kBatchRows], sigma[kBatchRows], amplitude[kBatchRows], width[kBatchRows], good[kBatchRows];
+  alignas(64) std::int16_t cut[kBatchRows][kCutPx];         ///< signal about the coarse peak
+  alignas(64) std::int16_t cut_usable[kBatchRows][kCutPx];  ///< 0: saturated or outside the frame; else -1
+  alignas(64) std::int16_t signal[kWindowPx][kBatchRows];   ///< [pixel][row], pixel 32 nearest the zero crossing
+  alignas(64) std::int16_t usable[kWindowPx][kBatchRows];   ///< the same of cut_usable; only valid if masked
+  alignas(64) float ambient_variance[kBatchRows];           ///< noise of a pixel without laser light
+  alignas(64) float x[kBatchRows];                          ///< in: from the zero crossing; relative to pixel 32
+  alignas(64) float sigma[kBatchRows], amplitude[kBatchRows], width[kBatchRows];
+  alignas(64) float good[kBatchRows];  ///< 1 if the row has a line
+  int center_px[kBatchRows];           ///< pixel of the frame at the middle of cut, then window
   int frame_row[kBatchRows];
-  int center_px[kBatchRows];
-  bool saturated[kBatchRows];
+  bool saturated[kBatchRows], row_masked[kBatchRows];
   bool masked = false;  ///< some pixel of the batch is not usable
   int count = 0;
 };

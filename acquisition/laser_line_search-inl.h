@@ -18,14 +18,11 @@ namespace celadon::line_kernels {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// At most 64 bytes, so that the narrowest row allowed fills a vector.
+// At most 64 lanes: padding and scratch memory are made for these.
 using D8 = hn::CappedTag<std::uint8_t, 64>;
-using D16 = hn::Repartition<std::uint16_t, D8>;
-using DI16 = hn::Repartition<std::int16_t, D8>;
-using D32 = hn::Repartition<std::uint32_t, D8>;
-using D64 = hn::Repartition<std::uint64_t, D8>;
 using V8 = hn::VFromD<D8>;
-using VI16 = hn::VFromD<DI16>;
+/// For frames too narrow for D8: 16 cells, the narrowest row allowed.
+using DNarrow = hn::CappedTag<std::uint8_t, 16>;
 
 /// Calls f(i) for i = 0, N, 2N ... and once more for the last N of `count`: no read or write beyond. @pre count >= N
 template <class F>
@@ -35,83 +32,97 @@ HWY_INLINE void for_each_vector(int count, int lanes, F&& f) {
   if (i < count) f(count - lanes);
 }
 
-/// Mean of each 4 neighbouring bytes, stored as one byte each.
-HWY_INLINE void store_mean_of_4(V8 v, std::uint8_t* out) {
-  const D8 d;
-  const hn::Rebind<std::uint8_t, D32> quarter;
-  v = hn::AverageRound(v, hn::BitCast(d, hn::ShiftRight<8>(hn::BitCast(D16(), v))));
-  v = hn::AverageRound(v, hn::BitCast(d, hn::ShiftRight<16>(hn::BitCast(D32(), v))));
-  hn::StoreU(hn::TruncateTo(quarter, hn::BitCast(D32(), v)), quarter, out);
+/// Rounded means of neighbouring bytes of two vectors, in order.
+template <class D, class V>
+HWY_INLINE V halve(D d, V low, V high) {
+  const hn::RepartitionToWide<D> d16;
+  const auto mean = [&](V v) { return hn::AverageRound(v, hn::BitCast(d, hn::ShiftRight<8>(hn::BitCast(d16, v)))); };
+  return hn::ConcatEven(d, mean(high), mean(low));
 }
 
-/// Mean of each 4 neighbouring 16-bit values in the lowest of them.
-template <class V16>
-HWY_INLINE hn::VFromD<D16> mean_of_4(V16 v) {
-  const D16 d;
-  auto mean = hn::AverageRound(v, hn::BitCast(d, hn::ShiftRight<16>(hn::BitCast(D32(), v))));
-  return hn::AverageRound(mean, hn::BitCast(d, hn::ShiftRight<32>(hn::BitCast(D64(), mean))));
-}
-
-/// Lowest byte of each 8.
-template <class V16>
-HWY_INLINE void store_low_of_8(V16 v, std::uint8_t* out) {
-  const hn::Rebind<std::uint8_t, D64> eighth;
-  hn::StoreU(hn::TruncateTo(eighth, hn::BitCast(D64(), v)), eighth, out);
-}
-
-HWY_INLINE hn::VFromD<D16> luma_of_yuyv(V8 v) {
-  return hn::And(hn::BitCast(D16(), v), hn::Set(D16(), 0xFF));
-}
-
-/// Red or green of each 4 pixels of YUYV (8 bytes), in the lowest 16 bits, not limited to 0..255.
-template <Signal kSignal>
-HWY_INLINE VI16 colour_of_4(V8 v) {
-  const D16 d;
-  const DI16 di;
-  const auto luma = hn::BitCast(di, mean_of_4(luma_of_yuyv(v)));
-  const auto chroma = hn::ShiftRight<8>(hn::BitCast(d, v));  // U V U V
-  const auto mean = hn::AverageRound(chroma, hn::BitCast(d, hn::ShiftRight<32>(hn::BitCast(D64(), chroma))));
-  const auto v_mean = hn::BitCast(di, hn::ShiftRight<16>(hn::BitCast(D64(), mean)));
-  const auto v_signed = hn::Sub(v_mean, hn::Set(di, 128));
+/// Red or green of cells from their luma and chroma, 16 bits, not limited to 0..255.
+template <Signal kSignal, class DI, class VI>
+HWY_INLINE VI colour(DI di, VI y, VI u, VI v) {
+  v = hn::Sub(v, hn::Set(di, 128));
   if constexpr (kSignal == Signal::yuyv_red) {
-    return hn::Add(luma, hn::Add(v_signed, hn::ShiftRight<9>(hn::Mul(v_signed, hn::Set(di, 206)))));
+    return hn::Add(y, hn::Add(v, hn::ShiftRight<9>(hn::Mul(v, hn::Set(di, 206)))));
   } else {
-    const auto u_signed = hn::Sub(hn::BitCast(di, mean), hn::Set(di, 128));
-    const auto excess = hn::Add(hn::Mul(u_signed, hn::Set(di, 44)), hn::Mul(v_signed, hn::Set(di, 91)));
-    return hn::Sub(luma, hn::ShiftRight<7>(excess));
+    u = hn::Sub(u, hn::Set(di, 128));
+    return hn::Sub(y, hn::ShiftRight<7>(hn::Add(hn::Mul(u, hn::Set(di, 44)), hn::Mul(v, hn::Set(di, 91)))));
   }
 }
 
-/// One cell for each 4 pixels; the bytes at `next` (two rows ahead) are asked for while this row is read.
-template <Signal kSignal, bool kSubtract>
-HWY_INLINE void decimate(const std::uint8_t* on, const std::uint8_t* off, std::ptrdiff_t next, int cell_count,
+/// Luma and chroma of as many cells as D has lanes, from YUYV.
+template <class V>
+struct YuvCells {
+  V y, u, v;
+};
+
+template <class D, class V = hn::VFromD<D>>
+HWY_INLINE YuvCells<V> yuv_cells(D d, const std::uint8_t* bytes) {
+  const auto lanes = hn::Lanes(d);
+  const auto raw = [&](std::size_t i) { return hn::LoadU(d, bytes + i * lanes); };
+  const auto luma = [&](std::size_t i) { return hn::ConcatEven(d, raw(2 * i + 1), raw(2 * i)); };
+  const auto chroma = [&](std::size_t i) { return hn::ConcatOdd(d, raw(2 * i + 1), raw(2 * i)); };  // U V U V
+  const auto chroma0 = chroma(0), chroma1 = chroma(1), chroma2 = chroma(2), chroma3 = chroma(3);
+  return {halve(d, halve(d, luma(0), luma(1)), halve(d, luma(2), luma(3))),
+          halve(d, hn::ConcatEven(d, chroma1, chroma0), hn::ConcatEven(d, chroma3, chroma2)),
+          halve(d, hn::ConcatOdd(d, chroma1, chroma0), hn::ConcatOdd(d, chroma3, chroma2))};
+}
+
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE void store_colour_cells(D d, const std::uint8_t* on, const std::uint8_t* off, std::uint8_t* out) {
+  const hn::Half<D> half;
+  const hn::Rebind<std::int16_t, hn::Half<D>> di;
+  const auto widened = [&](const auto& cells, bool upper) {
+    const auto wide = [&](auto v) {
+      return hn::PromoteTo(di, upper ? hn::UpperHalf(half, v) : hn::LowerHalf(half, v));
+    };
+    return colour<kSignal>(di, wide(cells.y), wide(cells.u), wide(cells.v));
+  };
+  const auto lit = yuv_cells(d, on);
+  auto low = widened(lit, false), high = widened(lit, true);
+  if constexpr (kSubtract) {
+    const auto dark = yuv_cells(d, off);
+    low = hn::Sub(low, widened(dark, false));
+    high = hn::Sub(high, widened(dark, true));
+  }
+  hn::StoreU(hn::DemoteTo(half, low), half, out);
+  hn::StoreU(hn::DemoteTo(half, high), half, out + hn::Lanes(half));
+}
+
+/// One cell (mean signal) for each 4 pixels; the bytes at `next` (two rows ahead) are asked for while this row is read.
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, std::ptrdiff_t next, int cell_count,
                          std::uint8_t* cells) {
-  const D8 d;
   constexpr int kBytesPerCell = kSignal == Signal::grey ? 4 : 8;
-  for_each_vector(cell_count * kBytesPerCell, static_cast<int>(hn::Lanes(d)), [&](int i) {
-    hwy::Prefetch(on + i + next);
-    const auto v = hn::LoadU(d, on + i);
-    auto u = hn::Zero(d);
-    if constexpr (kSubtract) {
-      hwy::Prefetch(off + i + next);
-      u = hn::LoadU(d, off + i);
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for_each_vector(cell_count, lanes, [&](int cell) {
+    const std::uint8_t* lit = on + cell * kBytesPerCell;
+    const std::uint8_t* dark = kSubtract ? off + cell * kBytesPerCell : nullptr;
+    for (int line = 0; line < lanes * kBytesPerCell; line += 64) {
+      hwy::Prefetch(lit + next + line);
+      if constexpr (kSubtract) hwy::Prefetch(dark + next + line);
     }
-    std::uint8_t* out = cells + i / kBytesPerCell;
-    if constexpr (kSignal == Signal::grey) {
-      store_mean_of_4(kSubtract ? hn::SaturatedSub(v, u) : v, out);
-    } else if constexpr (kSignal == Signal::yuyv_luma) {
-      store_low_of_8(mean_of_4(luma_of_yuyv(kSubtract ? hn::SaturatedSub(v, u) : v)), out);
+    if constexpr (kSignal == Signal::grey || kSignal == Signal::yuyv_luma) {
+      const auto bytes = [&](int i) {
+        const auto v = hn::LoadU(d, lit + i * lanes);
+        if constexpr (kSubtract) return hn::SaturatedSub(v, hn::LoadU(d, dark + i * lanes));
+        return v;
+      };
+      const auto pixels = [&](int i) {
+        if constexpr (kSignal == Signal::yuyv_luma) return hn::ConcatEven(d, bytes(2 * i + 1), bytes(2 * i));
+        return bytes(i);
+      };
+      hn::StoreU(halve(d, halve(d, pixels(0), pixels(1)), halve(d, pixels(2), pixels(3))), d, cells + cell);
     } else {
-      const DI16 di;
-      auto colour = colour_of_4<kSignal>(v);
-      if constexpr (kSubtract) colour = hn::Sub(colour, colour_of_4<kSignal>(u));
-      store_low_of_8(hn::Min(hn::Max(colour, hn::Zero(di)), hn::Set(di, 255)), out);
+      store_colour_cells<kSignal, kSubtract>(d, lit, dark, cells + cell);
     }
   });
 }
 
 HWY_INLINE int largest(V8 v) {
-  const D16 d;
+  const hn::RepartitionToWide<D8> d;
   const auto pair = hn::BitCast(d, v);
   return hn::GetLane(hn::MaxOfLanes(d, hn::Max(hn::And(pair, hn::Set(d, 0xFF)), hn::ShiftRight<8>(pair))));
 }
@@ -127,8 +138,10 @@ struct CoarsePeak {
 HWY_INLINE CoarsePeak coarse_peak(std::uint8_t* cells, std::uint8_t* scores, int cell_count, int minimum_score) {
   const D8 d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  std::memset(cells - 4, cells[0], 4);
-  std::memset(cells + cell_count, cells[cell_count - 1], kPaddingCells);
+  hn::StoreU(hn::Set(d, cells[0]), d, cells - lanes);
+  const auto last = hn::Set(d, cells[cell_count - 1]);
+  hn::StoreU(last, d, cells + cell_count);
+  hn::StoreU(last, d, cells + cell_count + lanes);
   const auto mean_of_8_px = [&](int i) {
     return hn::AverageRound(hn::LoadU(d, cells + i), hn::LoadU(d, cells + i + 1));
   };
