@@ -1,0 +1,257 @@
+// What LaserLineExtractor finds, refuses and leaves alone: agreement of the SIMD targets with a scalar reference,
+// formats, memory layouts, frames without a line, ambiguity, borders.
+
+#include "acquisition/laser_line.h"
+
+#include <gtest/gtest.h>
+#include <hwy/targets.h>
+#include <rapidcheck.h>
+
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <random>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "tests/acquisition/synthetic_line.h"
+
+namespace celadon {
+namespace {
+
+using synthetic::mode_of;
+using Bytes = std::vector<std::uint8_t>;
+
+std::vector<LineRow> extract(const CameraMode& mode, std::span<const std::uint8_t> on,
+                             std::span<const std::uint8_t> off = {}, const LaserLineOptions& options = {}) {
+  std::vector<LineRow> rows(static_cast<std::size_t>(mode.height_px));
+  LaserLineExtractor(options).extract(mode, on, off, rows);
+  return rows;
+}
+
+int count_status(const std::vector<LineRow>& rows, RowStatus status) {
+  return static_cast<int>(
+      std::count_if(rows.begin(), rows.end(), [&](const LineRow& r) { return r.status == status; }));
+}
+
+/// YUYV with the grey values as luma and noise as chroma.
+Bytes yuyv_with_luma(const Bytes& grey, unsigned seed) {
+  std::mt19937 random(seed);
+  Bytes yuyv;
+  for (const std::uint8_t value : grey) {
+    yuyv.push_back(value);
+    yuyv.push_back(static_cast<std::uint8_t>(random() & 255));
+  }
+  return yuyv;
+}
+
+/// YUYV whose red (1) or green (2) channel is the grey picture, and whose luma hides the line.
+Bytes yuyv_with_colour(const Bytes& grey, LineChannel channel) {
+  Bytes yuyv(grey.size() * 2);
+  for (std::size_t i = 0; i < grey.size(); i += 2) {
+    const double value = (grey[i] + grey[i + 1]) / 2.0, luma = 60;
+    const double v = channel == LineChannel::red ? (value - luma) / 1.4 : -(value - luma) / 0.71;
+    yuyv[2 * i] = static_cast<std::uint8_t>(luma + grey[i] - value);
+    yuyv[2 * i + 2] = static_cast<std::uint8_t>(luma + grey[i + 1] - value);
+    yuyv[2 * i + 1] = 128;
+    yuyv[2 * i + 3] = static_cast<std::uint8_t>(std::clamp(std::lround(128 + v), 0L, 255L));
+  }
+  return yuyv;
+}
+
+/// Runs the body on every SIMD target that this processor has and this program holds.
+template <class Body>
+void on_every_target(Body&& body) {
+  const std::int64_t supported = hwy::SupportedTargets();
+#if HWY_ARCH_X86
+  const std::int64_t compiled = HWY_SSE4 | HWY_AVX2 | HWY_AVX3;
+#else
+  const std::int64_t compiled = supported;
+#endif
+  int targets = 0;
+  for (std::int64_t rest = supported & compiled & ~(HWY_SCALAR | HWY_EMU128); rest != 0; rest &= rest - 1) {
+    hwy::SetSupportedTargetsForTest(rest & -rest);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    SCOPED_TRACE(laser_line_simd_target());
+    body();
+    ++targets;
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+  EXPECT_GE(targets, 1);
+}
+
+TEST(LaserLine, ColourChannelFindsWhatLumaHides) {
+  const auto picture = synthetic::scan_frame(640, 300, synthetic::good_scene(), 3);
+  for (const LineChannel channel : {LineChannel::red, LineChannel::green}) {
+    LaserLineOptions options;
+    const Bytes yuyv = yuyv_with_colour(picture.on, channel);
+    const CameraMode mode = mode_of(640, 300, PixelFormat::yuyv);
+    EXPECT_LT(count_status(extract(mode, yuyv, {}, options), RowStatus::found), 60) << "luma";
+    options.channel = channel;
+    const auto rows = extract(mode, yuyv, {}, options);
+    synthetic::Score score;
+    for (std::size_t y = 0; y < rows.size(); ++y) score.add(picture.truth, y, rows[y].x_px);
+    EXPECT_LT(score.miss_percent(), 1) << static_cast<int>(channel);
+    EXPECT_LT(score.rms(), 0.3) << "chroma has half the resolution";
+  }
+}
+
+TEST(LaserLine, LumaOfYuyvIsGreyExceptAtSaturation) {
+  auto scene = synthetic::nominal_scene();
+  scene.saturation = false;
+  scene.amplitude = 90;  // below the level from which YUYV counts as saturated
+  const auto picture = synthetic::scan_frame(640, 300, scene, 4);
+  const auto grey = extract(mode_of(640, 300), picture.on, picture.off);
+  const Bytes on = yuyv_with_luma(picture.on, 1), off = yuyv_with_luma(picture.off, 2);
+  const auto yuyv = extract(mode_of(640, 300, PixelFormat::yuyv), on, off);
+  for (std::size_t y = 0; y < grey.size(); ++y) {
+    EXPECT_EQ(grey[y].x_px, yuyv[y].x_px) << y;
+    EXPECT_EQ(grey[y].sigma_px, yuyv[y].sigma_px) << y;
+    EXPECT_EQ(grey[y].status, yuyv[y].status) << y;
+  }
+}
+
+// Buffers of the exact size on the heap: the address sanitizer sees a read beyond either end.
+TEST(LaserLine, AnyStrideAndAlignmentGivesTheSameRows) {
+  const int height = 40;
+  for (const int width : {64, 65, 67, 99, 131, 254, 640}) {
+    for (const bool yuyv : {false, true}) {
+      if (yuyv && width % 2 != 0) continue;
+      const auto picture =
+          synthetic::straight_line(width, height, width / 2.0, 0.05, 2.5, synthetic::nominal_scene(), 9);
+      const Bytes tight_on = yuyv ? yuyv_with_luma(picture.on, 1) : picture.on;
+      const Bytes tight_off = yuyv ? yuyv_with_luma(picture.off, 1) : picture.off;
+      const PixelFormat format = yuyv ? PixelFormat::yuyv : PixelFormat::grey8;
+      const std::size_t row_bytes = static_cast<std::size_t>(width) * bytes_per_pixel(format);
+      const auto expected = extract(mode_of(width, height, format), tight_on, tight_off);
+      ASSERT_GT(count_status(expected, RowStatus::found), height / 2) << width;
+      for (const std::size_t padding : {0u, 1u, 3u, 13u, 64u}) {
+        for (const std::size_t shift : {0u, 1u, 7u}) {
+          const std::size_t stride = row_bytes + padding;
+          const std::size_t size = stride * (height - 1) + row_bytes;
+          const auto place = [&](const Bytes& tight) {
+            auto buffer = std::make_unique<std::uint8_t[]>(shift + size);
+            for (std::size_t y = 0; y < height; ++y) {
+              std::memcpy(buffer.get() + shift + y * stride, tight.data() + y * row_bytes, row_bytes);
+            }
+            return buffer;
+          };
+          const auto on = place(tight_on), off = place(tight_off);
+          const auto rows =
+              extract(mode_of(width, height, format, stride), {on.get() + shift, size}, {off.get() + shift, size});
+          for (std::size_t y = 0; y < height; ++y) {
+            ASSERT_EQ(rows[y].x_px, expected[y].x_px) << width << " " << padding << " " << shift << " row " << y;
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(LaserLine, RefusesImpossibleArguments) {
+  LaserLineExtractor extractor;
+  std::vector<LineRow> rows(8);
+  const Bytes frame(8 * 8192);
+  const auto message = [&](const CameraMode& mode, std::size_t bytes, std::size_t off_bytes = 0,
+                           std::size_t count = 8) {
+    try {
+      extractor.extract(mode, {frame.data(), bytes}, {frame.data(), off_bytes}, {rows.data(), count});
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  EXPECT_EQ(message(mode_of(640, 8), 640 * 8), "");
+  EXPECT_EQ(message(mode_of(4096, 8), 4096 * 8), "");
+  EXPECT_NE(message(mode_of(63, 8), frame.size()).find("63x8, width must be 64 to 4096"), std::string::npos);
+  EXPECT_NE(message(mode_of(4097, 8), frame.size()).find("width must be 64 to 4096"), std::string::npos);
+  EXPECT_NE(message(mode_of(65, 8, PixelFormat::yuyv), frame.size()).find("even width"), std::string::npos);
+  EXPECT_NE(message(mode_of(640, 8, PixelFormat::grey8, 639), frame.size()).find("stride"), std::string::npos);
+  EXPECT_NE(message(mode_of(640, 8), 640 * 8 - 1).find("5119 bytes"), std::string::npos);
+  EXPECT_NE(message(mode_of(640, 8), 640 * 8, 100).find("laser-off"), std::string::npos);
+  EXPECT_NE(message(mode_of(640, 8), 640 * 8, 0, 7).find("7 rows"), std::string::npos);
+  EXPECT_NE(message(mode_of(640, 0), 640 * 8).find("height"), std::string::npos);
+  LaserLineOptions options;
+  options.minimum_contrast = 0;
+  EXPECT_THROW(LaserLineExtractor{options}, std::invalid_argument);
+  options = {};
+  options.electrons_per_level = 0;
+  EXPECT_THROW(LaserLineExtractor{options}, std::invalid_argument);
+}
+
+TEST(LaserLine, FlatFramesAndEdgesHaveNoLine) {
+  for (const int level : {0, 1, 128, 249, 255}) {
+    const Bytes frame(640 * 16, static_cast<std::uint8_t>(level));
+    EXPECT_EQ(count_status(extract(mode_of(640, 16), frame), RowStatus::no_line), 16) << level;
+    EXPECT_EQ(count_status(extract(mode_of(640, 16), frame, frame), RowStatus::no_line), 16) << level;
+  }
+  Bytes step(640 * 16), ramp(640 * 16), bar(640 * 16);
+  for (std::size_t i = 0; i < step.size(); ++i) {
+    const std::size_t x = i % 640;
+    step[i] = x < 300 ? 20 : 220;
+    ramp[i] = static_cast<std::uint8_t>(x * 255 / 640);
+    bar[i] = x > 200 && x < 400 ? 200 : 20;  // a bright object, not a line
+  }
+  for (const Bytes* frame : {&step, &ramp, &bar}) {
+    EXPECT_EQ(count_status(extract(mode_of(640, 16), *frame), RowStatus::no_line), 16);
+  }
+}
+
+TEST(LaserLine, AnyBytesGiveFiniteRowsInsideTheFrame) {
+  rc::check("finite and inside", [] {
+    const int width = *rc::gen::inRange(64, 400), height = *rc::gen::inRange(1, 40);
+    const int kind = *rc::gen::inRange(0, 4);
+    std::mt19937 random(*rc::gen::arbitrary<unsigned>());
+    Bytes on(static_cast<std::size_t>(width * height)), off(on.size());
+    for (auto* frame : {&on, &off}) {
+      for (auto& value : *frame) {
+        const unsigned r = random();
+        value = static_cast<std::uint8_t>(kind == 0   ? r & 255
+                                          : kind == 1 ? (r % 50 == 0 ? 255 : 0)
+                                          : kind == 2 ? (r & 1) * 255
+                                                      : (r % 400 == 0 ? 255 : 250));
+      }
+    }
+    LaserLineOptions options;
+    options.minimum_contrast = 1;
+    options.ambiguous_percent = 100;
+    options.speckle_contrast = *rc::gen::element(0.f, 0.2f, 1.f);
+    options.refinement = *rc::gen::element(LineRefinement::zero_crossing, LineRefinement::quasi_maximum_likelihood);
+    for (const bool subtract : {false, true}) {
+      const auto rows =
+          extract(mode_of(width, height), on,
+                  subtract ? std::span<const std::uint8_t>(off) : std::span<const std::uint8_t>(), options);
+      for (const LineRow& row : rows) {
+        const bool found = row.status == RowStatus::found || row.status == RowStatus::saturated;
+        RC_ASSERT(found == (row.x_px >= 0));
+        RC_ASSERT(row.x_px == -1 || (row.x_px >= 0 && row.x_px <= static_cast<float>(width - 1)));
+        RC_ASSERT(std::isfinite(row.sigma_px) && std::isfinite(row.amplitude) && std::isfinite(row.width_px));
+        RC_ASSERT(!found || (row.sigma_px > 0 && row.width_px > 0 && row.amplitude > 0));
+      }
+    }
+  });
+}
+
+TEST(LaserLine, ShiftingThePictureShiftsTheLine) {
+  rc::check("shift by whole cells", [] {
+    const double start = *rc::gen::inRange(1500, 2500) / 10.0, width = *rc::gen::inRange(10, 45) / 10.0;
+    const int shift = 4 * *rc::gen::inRange(1, 20);
+    auto scene = synthetic::nominal_scene();
+    const auto picture = synthetic::straight_line(480, 24, start, 0.2, width, scene, *rc::gen::arbitrary<unsigned>());
+    Bytes moved(picture.on.size());
+    for (std::size_t i = 0; i < moved.size(); ++i) {
+      const int x = static_cast<int>(i % 480) - shift;
+      moved[i] = picture.on[i - i % 480 + static_cast<std::size_t>((x + 480) % 480)];
+    }
+    const auto before = extract(mode_of(480, 24), picture.on), after = extract(mode_of(480, 24), moved);
+    for (std::size_t y = 0; y < before.size(); ++y) {
+      RC_ASSERT(before[y].status == after[y].status);
+      if (before[y].x_px >= 0) RC_ASSERT(std::abs(before[y].x_px + static_cast<float>(shift) - after[y].x_px) < 1e-4f);
+    }
+  });
+}
+
+}  // namespace
+}  // namespace celadon
