@@ -148,7 +148,7 @@ TEST(FitCommand, EveryBadInputGetsOneSentenceAndNoFile) {
       {"empty.xyz", "", {}, "empty"},
       {"axis.xyz", on_axis, {}, "axis"},
       {"nan.xyz", not_numbers, {}, "infinite"},
-      {"three.xyz", "1 0 0\n0 1 1\n-1 0 2\n", {}, "sectors"},
+      {"three.xyz", "1 0 0\n0 1 1\n-1 0 2\n", {}, "fewer than the 16 unknowns"},
       {"few.xyz", cloud_of([](double, double) { return 25.0; }, 60), {"--model", "general", "--knots", "4", "4"}, "60"},
       {"lying.ply",
        "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\nproperty float x\nproperty float y\n"
