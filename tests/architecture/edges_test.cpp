@@ -12,6 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/build_paths.h"
+
 namespace {
 
 namespace fs = std::filesystem;

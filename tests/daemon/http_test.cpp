@@ -22,6 +22,7 @@
 #include "daemon/http/api.h"
 #include "daemon/http/http_client.h"
 #include "daemon/http/http_server.h"
+#include "tests/build_paths.h"
 
 namespace celadon {
 namespace {

@@ -16,6 +16,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/surface_json.h"
+#include "tests/build_paths.h"
 #include "tests/daemon/temporary_folder.h"
 
 namespace celadon {

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/build_paths.h"
 namespace celadon::protocol {
 namespace {
 

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "fitting/bspline_basis.h"
+#include "tests/build_paths.h"
 #include "tests/fitting/spline_tools.h"
 
 namespace celadon {

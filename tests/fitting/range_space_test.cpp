@@ -9,6 +9,7 @@
 #include <set>
 
 #include "fitting/bspline_basis.h"
+#include "tests/build_paths.h"
 #include "tests/fitting/spline_tools.h"
 
 namespace celadon {

@@ -14,6 +14,7 @@
 #include <iterator>
 #include <stdexcept>
 
+#include "tests/build_paths.h"
 namespace celadon::testing {
 
 namespace fs = std::filesystem;
