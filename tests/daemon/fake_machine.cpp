@@ -50,7 +50,8 @@ class FakeClock final : public Clock {
   std::int64_t now_ns() override { return machine_.now_ns(); }
   void sleep_until(std::int64_t time_ns) override {
     const std::int64_t wait_ns = time_ns - machine_.now_ns();
-    if (wait_ns > 0) machine_.advance_to_us(static_cast<std::uint64_t>((time_ns - 5'000'000'000 + 999) / 1000));
+    if (wait_ns > 0)
+      machine_.advance_to_us(static_cast<std::uint64_t>((time_ns - FakeMachine::kHostOffset_ns + 999) / 1000));
   }
 
  private:
@@ -83,7 +84,7 @@ class FakeCamera final : public FrameSource, public FrameReturn {
     machine_.draw(*shot, pixels_.data());
     FrameInfo info;
     info.sequence = shot->sequence;
-    info.stamp_ns = shot->stamp_us * 1000 + 5'000'000'000;
+    info.stamp_ns = shot->stamp_us * 1000 + FakeMachine::kHostOffset_ns;
     info.exposure_ns = mode_.exposure_ns;
     info.lost_before = shot->lost_before;
     const int every = machine_.corrupt_every;

@@ -22,6 +22,7 @@ class FakeMachine {
  public:
   static constexpr int kWidth = 320, kHeight = 240;
   static constexpr std::int64_t kPeriod_us = 20'000, kExposure_us = 4'000, kRequest_us = 300;
+  static constexpr std::int64_t kHostOffset_ns = 5'000'000'000;  ///< host clock at device time 0
   static constexpr std::size_t kBuffers = 4;  ///< of the driver; when all are full, newer frames are lost
 
   FakeMachine();
@@ -63,7 +64,6 @@ class FakeMachine {
  private:
   void advance_locked(std::uint64_t time_us);
 
-  static constexpr std::int64_t kHostOffset_ns = 5'000'000'000;
   std::mutex mutex_;
   test::TestPlant plant_;
   std::uint64_t now_us_ = 0;
