@@ -205,7 +205,7 @@ std::string measured_text(const Measured& m) {
 }
 
 std::string vector_text(const Eigen::Vector3d& v) {
-  return "[" + number_text(v.x()) + ", " + number_text(v.y()) + ", " + number_text(v.z()) + "]";
+  return std::string("[").append(number_text(v.x())) + ", " + number_text(v.y()) + ", " + number_text(v.z()) + "]";
 }
 
 tl::unexpected<CalibrationError> error(std::string message) {
