@@ -10,7 +10,6 @@
 #include <filesystem>
 #include <fstream>
 #include <optional>
-#include <string_view>
 #include <vector>
 
 #include "acquisition/camera_fault.h"
@@ -58,7 +57,7 @@ tl::expected<Address, CameraError> parse_address(const std::string& text) {
   while (!rest.empty()) {
     const std::string option = rest.substr(0, rest.find('&'));
     rest.erase(0, std::min(rest.size(), option.size() + 1));
-    const std::size_t equals = std::min(std::string_view(option).find('='), option.size());
+    const std::size_t equals = std::min(option.find('='), option.size());
     const std::string key = option.substr(0, equals), value = option.substr(std::min(equals + 1, option.size()));
     std::uint32_t number = 0;
     const auto parsed = std::from_chars(value.data(), value.data() + value.size(), number);
