@@ -1,12 +1,11 @@
 // choose_grid: the band and resolution of the sums, from one pass over the samples.
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
-#include <cstdio>
 #include <numbers>
 #include <vector>
 
+#include "fitting/fit_report.h"
 #include "fitting/range_fit.h"
 
 namespace celadon {
@@ -39,24 +38,18 @@ class Heights {
   std::size_t seen_ = 0, stride_ = 1;
 };
 
-template <class... Values>
-FitError error(const char* format, Values... values) {
-  std::array<char, 400> text;
-  std::snprintf(text.data(), text.size(), format, values...);
-  return {text.data()};
-}
-
 }  // namespace
 
 tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, const RangeFitOptions& options) {
   if (options.degree_u < 1 || options.degree_u > 5 || options.degree_v < 1 || options.degree_v > 5)
-    return tl::unexpected(error("the degrees (%d, %d) must both lie in 1..5", options.degree_u, options.degree_v));
+    return tl::unexpected(
+        FitError{text("the degrees (%d, %d) must both lie in 1..5", options.degree_u, options.degree_v)});
   if (options.z_intervals.has_value() != options.intervals_per_arc.has_value())
-    return tl::unexpected(error("fixed numbers of intervals must be given for both directions or for none"));
+    return tl::unexpected(FitError{text("fixed numbers of intervals must be given for both directions or for none")});
   const auto power_of_two = [](int n) { return n > 0 && std::has_single_bit(static_cast<unsigned>(n)); };
   if (options.z_intervals && (!power_of_two(*options.z_intervals) || !power_of_two(*options.intervals_per_arc)))
-    return tl::unexpected(error("%d z intervals and %d intervals an arc must both be powers of two",
-                                *options.z_intervals, *options.intervals_per_arc));
+    return tl::unexpected(FitError{text("%d z intervals and %d intervals an arc must both be powers of two",
+                                        *options.z_intervals, *options.intervals_per_arc)});
 
   Heights heights;
   double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, sum_r = 0;
@@ -77,11 +70,13 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
       highest = std::max(highest, z);
       heights.add(z);
     }
-  if (total == 0) return tl::unexpected(error("there are no samples; scan the object or name another input"));
+  if (total == 0) return tl::unexpected(FitError{text("there are no samples; scan the object or name another input")});
   if (good == 0 && on_axis > 0)
-    return tl::unexpected(error("all %zu samples lie on the axis (r = 0); check the axis and the units", on_axis));
+    return tl::unexpected(
+        FitError{text("all %zu samples lie on the axis (r = 0); check the axis and the units", on_axis)});
   if (good == 0)
-    return tl::unexpected(error("none of the %zu samples is a finite number; check the input's format", total));
+    return tl::unexpected(
+        FitError{text("none of the %zu samples is a finite number; check the input's format", total)});
 
   const double low = heights.quantile(kStrayShare), high = heights.quantile(1 - kStrayShare);
   const double reach = kStrayReach * (high - low);
@@ -89,8 +84,8 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
   grid.z_start_mm = lowest < low - reach ? low - reach : lowest;
   grid.z_end_mm = highest > high + reach ? high + reach : highest;
   if (!(grid.z_end_mm > grid.z_start_mm))
-    return tl::unexpected(error("all %zu samples have the same height z = %.9g mm: a surface needs a band of heights",
-                                good, grid.z_start_mm));
+    return tl::unexpected(FitError{text(
+        "all %zu samples have the same height z = %.9g mm: a surface needs a band of heights", good, grid.z_start_mm)});
   grid.degree_u = options.degree_u;
   grid.degree_v = options.degree_v;
   if (options.z_intervals) {
