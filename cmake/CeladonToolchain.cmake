@@ -44,6 +44,11 @@ endif()
 # Results must not depend on which instructions the compiler happens to fuse.
 add_compile_options(-Wall -Wextra -Wconversion -Wshadow -ffp-contract=off)
 if(CELADON_SANITIZE)
+  if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
+    # Relative, so that the compiler cache serves another clone.
+    file(RELATIVE_PATH ignored "${PROJECT_BINARY_DIR}" "${PROJECT_SOURCE_DIR}/cmake/sanitizers-ignore.txt")
+    add_compile_options(-fsanitize-ignorelist=${ignored})
+  endif()
   add_compile_options(-fsanitize=${CELADON_SANITIZE} -fno-omit-frame-pointer -fno-sanitize-recover=all)
   add_link_options(-fsanitize=${CELADON_SANITIZE})
 endif()
