@@ -5,13 +5,16 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 
-#include <cmath>
+#include <algorithm>
+#include <array>
+#include <ctime>
 #include <fstream>
+#include <map>
 #include <memory>
-#include <numeric>
 #include <vector>
 
 #include "acquisition/frame.h"
+#include "tests/vm/kernel_record.h"
 #include "tests/vm/vivid_controls.h"
 
 namespace celadon {
@@ -40,32 +43,62 @@ int mappings() {
   return count;
 }
 
-/// Luma of the frame's columns, averaged over its lower half (vivid writes text into the upper one).
-std::vector<double> columns(const CameraMode& mode, const Frame& frame) {
-  const std::size_t step = bytes_per_pixel(mode.format);
-  std::vector<double> out(static_cast<std::size_t>(mode.width_px));
-  for (std::size_t row = static_cast<std::size_t>(mode.height_px) / 2; row < static_cast<std::size_t>(mode.height_px);
-       ++row) {
-    for (std::size_t x = 0; x < out.size(); ++x) out[x] += frame.bytes()[row * mode.stride_bytes + x * step];
+std::int64_t monotonic_ns() {
+  timespec now{};
+  ::clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * kSecond + now.tv_nsec;
+}
+
+/// Says of each frame what the kernel said of its buffer, number by number. vivid counts the frames that ought to have
+/// been by rounding the time since the start to whole periods, and waits from before it drew the last picture: one that
+/// took longer to draw than half a period, as happens under emulation, brings the same number twice
+/// (vivid-kthread-cap.c; seen at any place of a stream by a program that only dequeues). The source has to tell just
+/// that.
+class FrameCheck {
+ public:
+  void check(const Frame& frame) {
+    ASSERT_FALSE(dequeued_buffers().empty());
+    const v4l2_buffer said = dequeued_buffers().back();
+    EXPECT_EQ(frame.info.sequence, said.sequence);
+    EXPECT_EQ(frame.info.stamp_ns, said.timestamp.tv_sec * kSecond + said.timestamp.tv_usec * 1000);
+    EXPECT_EQ(frame.info.corrupt, (said.flags & V4L2_BUF_FLAG_ERROR) != 0);
+    // The frame is the driver's own memory, of this buffer and no other.
+    EXPECT_TRUE(is_mapping(kDevice, frame.bytes().data()));
+    const std::uint8_t*& place = places_[said.index];
+    if (place == nullptr) place = frame.bytes().data();
+    EXPECT_EQ(frame.bytes().data(), place);
+    EXPECT_EQ(std::count_if(places_.begin(), places_.end(), [&](const auto& p) { return p.second == place; }), 1);
+    const bool follows = has_last_ && said.sequence > last_.sequence;
+    EXPECT_EQ(frame.info.lost_before, follows ? said.sequence - last_.sequence - 1 : 0);
+    if (has_last_) {
+      EXPECT_GE(frame.info.sequence, last_.sequence);
+      EXPECT_GT(frame.info.stamp_ns, last_stamp_ns_);
+    }
+    last_ = said;
+    last_stamp_ns_ = frame.info.stamp_ns;
+    has_last_ = true;
+  }
+
+ private:
+  v4l2_buffer last_{};
+  std::int64_t last_stamp_ns_ = 0;
+  bool has_last_ = false;
+  std::map<std::uint32_t, const std::uint8_t*> places_;
+};
+
+/// Luma in the middle of each of the eight bars (white, yellow, cyan, green, magenta, red, blue, black of 75 %), below
+/// the text that vivid writes.
+std::array<int, 8> bars(const CameraMode& mode, const Frame& frame) {
+  std::array<int, 8> out{};
+  const auto row = static_cast<std::size_t>(mode.height_px) * 3 / 4;
+  for (std::size_t bar = 0; bar < out.size(); ++bar) {
+    const std::size_t x = (2 * bar + 1) * static_cast<std::size_t>(mode.width_px) / (2 * out.size());
+    out[bar] = frame.bytes()[row * mode.stride_bytes + x * bytes_per_pixel(mode.format)];
   }
   return out;
 }
 
-double correlation(const std::vector<double>& a, const std::vector<double>& b) {
-  const auto n = static_cast<double>(a.size());
-  const double mean_a = std::accumulate(a.begin(), a.end(), 0.0) / n,
-               mean_b = std::accumulate(b.begin(), b.end(), 0.0) / n;
-  double aa = 0, bb = 0, ab = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    aa += (a[i] - mean_a) * (a[i] - mean_a);
-    bb += (b[i] - mean_b) * (b[i] - mean_b);
-    ab += (a[i] - mean_a) * (b[i] - mean_b);
-  }
-  return ab / std::sqrt(aa * bb);
-}
-
-TEST(V4l2Vivid, streams_grey_and_yuyv_without_gaps_in_place) {
-  std::vector<std::vector<double>> pictures;
+TEST(V4l2Vivid, streams_grey_and_yuyv_in_place_and_says_what_the_kernel_said) {
   for (const char* format : {"GREY", "YUYV"}) {
     auto source = opened(std::string("?width=640&height=360&format=") + format);
     ASSERT_TRUE(source);
@@ -76,36 +109,35 @@ TEST(V4l2Vivid, streams_grey_and_yuyv_without_gaps_in_place) {
     EXPECT_FALSE(source->mode().simulated);
     EXPECT_GT(source->mode().frame_period_ns, 0);
     EXPECT_EQ(mappings(), 0);
+    const std::int64_t started_ns = monotonic_ns();
     ASSERT_TRUE(source->start());
     EXPECT_GE(mappings(), 2);
-    std::uint64_t expected = 0;
-    std::int64_t last_stamp = 0;
+    FrameCheck told;
     for (int i = 0; i < 30; ++i) {
       auto frame = source->next(kPatience);
       ASSERT_TRUE(frame) << frame.error().message;
-      if (i == 0) expected = frame->info.sequence;
-      // Under a loaded emulator vivid itself may skip: then it must say so.
-      expected += frame->info.lost_before;
-      // vivid derives its number from rounded jiffies and may give the first one twice; its stamps rise all the same.
-      if (i == 1 && frame->info.sequence + 1 == expected) --expected;
-      EXPECT_EQ(frame->info.sequence, expected++);
-      EXPECT_GT(frame->info.stamp_ns, last_stamp);
+      told.check(*frame);
       EXPECT_FALSE(frame->info.corrupt);
-      last_stamp = frame->info.stamp_ns;
-      if (i == 29) pictures.push_back(columns(source->mode(), *frame));
+      // vivid stamps the time at which it began to draw and 0.9 periods more, for the end of the frame.
+      const std::int64_t drawn_ns = frame->info.stamp_ns - source->mode().frame_period_ns * 9 / 10;
+      EXPECT_GE(drawn_ns + 1000, started_ns);  // its unit is 1 us
+      EXPECT_LE(drawn_ns, monotonic_ns());
+      // Full range by the weights of Rec. 709, limited range by those of Rec. 601; vivid truncates twice.
+      const bool grey = source->mode().format == PixelFormat::grey8;
+      const double r = grey ? 0.2126 : 0.299, b = grey ? 0.0722 : 0.114, g = 1 - r - b;
+      const double black = grey ? 0 : 16, white = grey ? 255 : 235;
+      const std::array<double, 8> weights{1, r + g, g + b, g, r + b, r, b, 0};
+      const std::array<int, 8> seen = bars(source->mode(), *frame);
+      for (std::size_t k = 0; k < seen.size(); ++k) {
+        EXPECT_NEAR(seen[k], black + (white - black) * 0.75 * weights[k], 2) << format << ", bar " << k;
+      }
     }
-    timespec now{};
-    ::clock_gettime(CLOCK_MONOTONIC, &now);
-    // vivid stamps a frame with the time at which it ought to end, up to a period ahead.
-    EXPECT_LE(last_stamp, now.tv_sec * kSecond + now.tv_nsec + 2 * source->mode().frame_period_ns);
-    EXPECT_GT(last_stamp, now.tv_sec * kSecond - 3600 * kSecond);
     source->stop();
     EXPECT_EQ(mappings(), 0);
     ASSERT_TRUE(source->start());  // and again
     ASSERT_TRUE(source->next(kPatience));
   }
   EXPECT_EQ(mappings(), 0);
-  EXPECT_GT(correlation(pictures[0], pictures[1]), 0.95);  // full against limited range of luma
 }
 
 TEST(V4l2Vivid, grey_is_chosen_unless_another_format_is_given) {
@@ -123,39 +155,48 @@ TEST(V4l2Vivid, leases_hold_buffers_back_and_return_them) {
   auto source = opened();
   ASSERT_TRUE(source->start());
   std::vector<Frame> held;
+  FrameCheck told;
   tl::expected<Frame, CameraError> frame;
   while ((frame = source->next(kPatience))) {
+    told.check(*frame);
     held.push_back(std::move(*frame));
     ASSERT_LT(held.size(), 64u);
   }
   EXPECT_EQ(frame.error().kind, Kind::busy);
   EXPECT_THAT(frame.error().message, HasSubstr("buffers are lent"));
-  for (std::size_t i = 1; i < held.size(); ++i) {
-    EXPECT_NE(held[i].bytes().data(), held[i - 1].bytes().data());
-    EXPECT_GT(held[i].info.stamp_ns, held[i - 1].info.stamp_ns);
-  }
+  std::vector<const std::uint8_t*> places;
+  for (const Frame& f : held) places.push_back(f.bytes().data());
+  std::sort(places.begin(), places.end());
+  EXPECT_EQ(std::adjacent_find(places.begin(), places.end()), places.end());
+  const std::uint8_t* given_back = held.front().bytes().data();
   held.erase(held.begin());
   const auto next = source->next(kPatience);
   ASSERT_TRUE(next) << next.error().message;
+  told.check(*next);
+  EXPECT_EQ(next->bytes().data(), given_back);  // the only buffer that the driver had
   held.clear();
-  for (int i = 0; i < 20; ++i) ASSERT_TRUE(source->next(kPatience));
+  for (int i = 0; i < 20; ++i) {
+    frame = source->next(kPatience);
+    ASSERT_TRUE(frame);
+    told.check(*frame);
+  }
 }
 
 TEST(V4l2Vivid, dropped_buffers_are_counted_as_gaps) {
   const VividControls vivid(kDevice);
   auto source = opened();
   ASSERT_TRUE(source->start());
-  ASSERT_TRUE(source->next(kPatience));
+  FrameCheck told;
+  auto frame = source->next(kPatience);
+  ASSERT_TRUE(frame);
+  told.check(*frame);
   vivid.set("Percentage of Dropped Buffers", 60);
-  std::uint64_t lost = 0, last = 0;
+  std::uint64_t lost = 0;
   for (int i = 0; i < 40; ++i) {
-    auto frame = source->next(kPatience);
+    frame = source->next(kPatience);
     ASSERT_TRUE(frame) << frame.error().message;
+    told.check(*frame);
     lost += frame->info.lost_before;
-    if (i > 0 && !(i == 1 && frame->info.sequence == last)) {
-      EXPECT_EQ(frame->info.sequence, last + 1 + frame->info.lost_before);
-    }
-    last = frame->info.sequence;
   }
   vivid.set("Percentage of Dropped Buffers", 0);
   EXPECT_GT(lost, 10u);
@@ -184,10 +225,12 @@ TEST(V4l2Vivid, a_buffer_with_an_error_is_corrupt_and_the_next_is_good) {
   ASSERT_TRUE(source->start());
   ASSERT_TRUE(source->next(kPatience));
   vivid.set("Inject V4L2_BUF_FLAG_ERROR");
+  FrameCheck told;
   int corrupt = 0;
   for (int i = 0; i < 20; ++i) {
     auto frame = source->next(kPatience);
     ASSERT_TRUE(frame);
+    told.check(*frame);
     corrupt += frame->info.corrupt;
   }
   EXPECT_EQ(corrupt, 1);
