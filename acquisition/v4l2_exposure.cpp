@@ -3,6 +3,7 @@
 #include <linux/videodev2.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "acquisition/camera_fault.h"
 #include "acquisition/v4l2_ioctl.h"
@@ -61,7 +62,7 @@ tl::expected<std::int64_t, CameraError> V4l2Exposure::set(std::int64_t exposure_
                                        "set the exposure on the camera itself or use one that has this control", code));
   }
   const auto mode = get(fd_, V4L2_CID_EXPOSURE_AUTO);
-  if (!found_time_) {
+  if (!std::exchange(touched_, true)) {
     found_time_ = get(fd_, V4L2_CID_EXPOSURE_ABSOLUTE);
     found_auto_ = mode;
   }
@@ -86,6 +87,7 @@ void V4l2Exposure::restore() noexcept {
   if (found_auto_) put(fd_, V4L2_CID_EXPOSURE_AUTO, *found_auto_);
   found_time_.reset();
   found_auto_.reset();
+  touched_ = false;
 }
 
 }  // namespace celadon

@@ -26,7 +26,8 @@ class V4l2Exposure {
  private:
   int fd_;
   std::string device_;
-  std::optional<std::int32_t> found_auto_, found_time_;  ///< before the first set()
+  bool touched_ = false;
+  std::optional<std::int32_t> found_auto_, found_time_;  ///< before the first set(); none: could not be read
 };
 
 }  // namespace celadon

@@ -1,0 +1,310 @@
+// V4L2Source's exposure against a camera behind an ioctl() of our own: controls as uvcvideo has them (time in 100 us,
+// refused while the automatic is on), streaming from a file. Everything from open() to close() is the real source.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <linux/videodev2.h>
+#include <sys/ioctl.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdarg>
+#include <cstdio>
+#include <cstring>
+#include <map>
+#include <memory>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "acquisition/frame.h"
+
+namespace celadon {
+namespace {
+
+using testing::HasSubstr;
+using Kind = CameraError::Kind;
+
+constexpr std::uint32_t kTime = V4L2_CID_EXPOSURE_ABSOLUTE, kAuto = V4L2_CID_EXPOSURE_AUTO;
+constexpr std::uint32_t kWidth = 64, kHeight = 64, kFrameBytes = kWidth * kHeight;
+
+/// A camera with a file for its buffers; one at a time.
+class FakeCamera {
+ public:
+  FakeCamera() : name_("/tmp/celadon-camera-XXXXXX") {
+    fd_ = ::mkstemp(name_.data());
+    EXPECT_EQ(::ftruncate(fd_, 8 * kFrameBytes), 0);
+    present = this;
+  }
+  ~FakeCamera() {
+    present = nullptr;
+    ::close(fd_);
+    ::unlink(name_.c_str());
+  }
+  FakeCamera(const FakeCamera&) = delete;
+  FakeCamera& operator=(const FakeCamera&) = delete;
+
+  std::unique_ptr<FrameSource> open() const {
+    auto source = open_frame_source("v4l2:" + name_);
+    EXPECT_TRUE(source) << source.error().message;
+    return source ? std::move(*source) : nullptr;
+  }
+
+  bool is(int fd) const {
+    struct stat mine {
+    }, theirs{};
+    return ::fstat(fd_, &mine) == 0 && ::fstat(fd, &theirs) == 0 && mine.st_ino == theirs.st_ino &&
+           mine.st_dev == theirs.st_dev;
+  }
+
+  /// @returns 0 or an errno
+  int answer(unsigned long request, void* argument) {
+    if (unplugged) return ENODEV;
+    if (failing.contains(request)) return EIO;
+    switch (request) {
+      case VIDIOC_QUERYCAP: {
+        auto& capability = *static_cast<v4l2_capability*>(argument);
+        capability.capabilities = V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_STREAMING;
+        std::snprintf(reinterpret_cast<char*>(capability.card), sizeof capability.card, "Fake");
+        return 0;
+      }
+      case VIDIOC_ENUM_FMT: {
+        auto& format = *static_cast<v4l2_fmtdesc*>(argument);
+        if (format.index != 0) return EINVAL;
+        format.pixelformat = V4L2_PIX_FMT_GREY;
+        return 0;
+      }
+      case VIDIOC_G_FMT:
+      case VIDIOC_S_FMT: {
+        v4l2_pix_format& pixels = static_cast<v4l2_format*>(argument)->fmt.pix;
+        pixels = {};
+        pixels.width = kWidth;
+        pixels.height = kHeight;
+        pixels.pixelformat = V4L2_PIX_FMT_GREY;
+        pixels.field = V4L2_FIELD_NONE;
+        pixels.bytesperline = kWidth;
+        pixels.sizeimage = kFrameBytes;
+        return 0;
+      }
+      case VIDIOC_S_PARM:
+        return 0;
+      case VIDIOC_QUERYBUF: {
+        auto& buffer = *static_cast<v4l2_buffer*>(argument);
+        buffer.length = kFrameBytes;
+        buffer.m.offset = buffer.index * kFrameBytes;
+        buffer.flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
+        return 0;
+      }
+      case VIDIOC_QBUF:
+        queued_.push_back(static_cast<v4l2_buffer*>(argument)->index);
+        return 0;
+      case VIDIOC_DQBUF: {
+        if (queued_.empty()) return EAGAIN;
+        auto& buffer = *static_cast<v4l2_buffer*>(argument);
+        buffer.index = queued_.front();
+        queued_.erase(queued_.begin());
+        buffer.sequence = sequence_++;
+        buffer.bytesused = kFrameBytes;
+        buffer.flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
+        return 0;
+      }
+      case VIDIOC_STREAMON:
+        return 0;
+      case VIDIOC_REQBUFS:
+      case VIDIOC_STREAMOFF:
+        queued_.clear();
+        return 0;
+      case VIDIOC_QUERYCTRL: {
+        auto& query = *static_cast<v4l2_queryctrl*>(argument);
+        if (!controls.contains(query.id)) return EINVAL;
+        query.minimum = 3;
+        query.maximum = 2047;
+        return 0;
+      }
+      case VIDIOC_G_CTRL: {
+        auto& control = *static_cast<v4l2_control*>(argument);
+        if (!controls.contains(control.id)) return EINVAL;
+        if (unreadable == control.id) return EIO;
+        control.value = controls.at(control.id);
+        return 0;
+      }
+      case VIDIOC_S_CTRL: {
+        const auto& control = *static_cast<v4l2_control*>(argument);
+        if (!controls.contains(control.id)) return EINVAL;
+        if (control.id == kTime && is_automatic()) return EACCES;
+        if (control.id == kTime && (control.value < 3 || control.value > 2047)) return ERANGE;
+        if (unwritable == control.id) return EIO;
+        controls.at(control.id) = control.value - control.value % step;
+        return 0;
+      }
+      default:
+        return ENOTTY;
+    }
+  }
+  bool is_automatic() const {
+    const auto mode = controls.find(kAuto);
+    return mode != controls.end() &&
+           (mode->second == V4L2_EXPOSURE_AUTO || mode->second == V4L2_EXPOSURE_APERTURE_PRIORITY);
+  }
+
+  static FakeCamera* present;
+  std::map<std::uint32_t, std::int32_t> controls = {{kAuto, V4L2_EXPOSURE_APERTURE_PRIORITY}, {kTime, 156}};
+  std::set<unsigned long> failing;  ///< requests
+  std::uint32_t unreadable = 0, unwritable = 0;
+  std::int32_t step = 1;  ///< values are rounded down to it
+  bool unplugged = false;
+
+ private:
+  std::string name_;
+  int fd_ = -1;
+  std::vector<std::uint32_t> queued_;
+  std::uint32_t sequence_ = 0;
+};
+
+FakeCamera* FakeCamera::present = nullptr;
+
+using Controls = std::map<std::uint32_t, std::int32_t>;
+const Controls kFound = {{kAuto, V4L2_EXPOSURE_APERTURE_PRIORITY}, {kTime, 156}};
+
+TEST(V4l2Exposure, is_set_in_the_units_of_the_camera_and_read_back) {
+  FakeCamera camera;
+  auto source = camera.open();
+  EXPECT_EQ(source->mode().exposure_ns, 0) << "automatic: not known";
+  EXPECT_EQ(*source->set_exposure(5'000'000), 5'000'000);
+  EXPECT_EQ(camera.controls, (Controls{{kAuto, V4L2_EXPOSURE_MANUAL}, {kTime, 50}}));
+  EXPECT_EQ(*source->set_exposure(5'049'999), 5'000'000);  // to the nearest 100 us
+  EXPECT_EQ(*source->set_exposure(5'050'000), 5'100'000);
+  EXPECT_EQ(*source->set_exposure(1), 300'000);  // within its range
+  EXPECT_EQ(*source->set_exposure(10'000'000'000), 204'700'000);
+  camera.step = 16;  // a camera that takes another value than it was given
+  EXPECT_EQ(*source->set_exposure(5'000'000), 4'800'000);
+  EXPECT_EQ(source->mode().exposure_ns, 4'800'000);
+}
+
+TEST(V4l2Exposure, in_force_travels_with_each_frame) {
+  FakeCamera camera;
+  auto source = camera.open();
+  ASSERT_TRUE(source->start());
+  ASSERT_TRUE(source->set_exposure(2'000'000));
+  EXPECT_EQ(source->next(0)->info.exposure_ns, 2'000'000);
+  ASSERT_TRUE(source->set_exposure(3'000'000));
+  EXPECT_EQ(source->next(0)->info.exposure_ns, 3'000'000);
+}
+
+TEST(V4l2Exposure, is_left_alone_by_a_source_that_did_not_set_it) {
+  FakeCamera camera;
+  camera.controls = {{kAuto, V4L2_EXPOSURE_MANUAL}, {kTime, 77}};
+  auto source = camera.open();
+  EXPECT_EQ(source->mode().exposure_ns, 7'700'000);
+  camera.controls[kTime] = 99;  // by somebody else
+  source.reset();
+  EXPECT_EQ(camera.controls[kTime], 99);
+}
+
+TEST(V4l2Exposure, is_put_back_as_it_was_found) {
+  for (const int automatic :
+       {V4L2_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL, V4L2_EXPOSURE_SHUTTER_PRIORITY, V4L2_EXPOSURE_APERTURE_PRIORITY}) {
+    for (const bool streaming : {false, true}) {
+      FakeCamera camera;
+      camera.controls[kAuto] = automatic;
+      const Controls found = camera.controls;
+      auto source = camera.open();
+      if (streaming) {
+        ASSERT_TRUE(source->start());
+      }
+      ASSERT_TRUE(source->set_exposure(5'000'000));
+      ASSERT_TRUE(source->set_exposure(6'000'000));
+      EXPECT_EQ(camera.controls[kTime], 60);
+      source.reset();
+      EXPECT_EQ(camera.controls, found) << automatic << (streaming ? " streaming" : "");
+    }
+  }
+}
+
+TEST(V4l2Exposure, of_a_camera_without_an_automatic_is_put_back) {
+  FakeCamera camera;
+  camera.controls.erase(kAuto);
+  auto source = camera.open();
+  EXPECT_EQ(source->mode().exposure_ns, 15'600'000);
+  EXPECT_EQ(*source->set_exposure(5'000'000), 5'000'000);
+  source.reset();
+  EXPECT_EQ(camera.controls, (Controls{{kTime, 156}}));
+}
+
+TEST(V4l2Exposure, is_put_back_after_a_stream_that_failed) {
+  for (const unsigned long request : {VIDIOC_REQBUFS, VIDIOC_QUERYBUF, VIDIOC_QBUF, VIDIOC_STREAMON, VIDIOC_DQBUF}) {
+    FakeCamera camera;
+    auto source = camera.open();
+    ASSERT_TRUE(source->set_exposure(5'000'000));
+    camera.failing = {request};
+    const bool good = source->start() && source->next(0);
+    EXPECT_FALSE(good);
+    source.reset();
+    EXPECT_EQ(camera.controls, kFound);
+  }
+}
+
+// The automatic is off already when the time is refused.
+TEST(V4l2Exposure, that_is_refused_names_the_control_and_is_put_back) {
+  FakeCamera camera;
+  auto source = camera.open();
+  camera.unwritable = kTime;
+  const auto set = source->set_exposure(5'000'000);
+  ASSERT_FALSE(set);
+  EXPECT_EQ(set.error().kind, Kind::system);
+  EXPECT_EQ(set.error().errno_value, EIO);
+  EXPECT_THAT(set.error().message, HasSubstr("exposure_time_absolute"));
+  EXPECT_EQ(camera.controls[kAuto], V4L2_EXPOSURE_MANUAL);
+  source.reset();
+  EXPECT_EQ(camera.controls, kFound);
+
+  auto again = camera.open();
+  camera.unwritable = kAuto;
+  const auto refused = again->set_exposure(5'000'000);
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, HasSubstr("auto_exposure"));
+  again.reset();
+  EXPECT_EQ(camera.controls, kFound);
+}
+
+// What was found is what was there before the first attempt, whatever a later one sees.
+TEST(V4l2Exposure, that_cannot_be_read_still_puts_the_automatic_back) {
+  FakeCamera camera;
+  auto source = camera.open();
+  camera.unreadable = kTime;
+  const auto set = source->set_exposure(5'000'000);
+  ASSERT_FALSE(set);
+  EXPECT_EQ(set.error().errno_value, EIO);
+  EXPECT_FALSE(source->set_exposure(5'000'000));
+  camera.unreadable = 0;
+  EXPECT_EQ(*source->set_exposure(5'000'000), 5'000'000);
+  source.reset();
+  EXPECT_EQ(camera.controls[kAuto], V4L2_EXPOSURE_APERTURE_PRIORITY);
+}
+
+TEST(V4l2Exposure, of_a_camera_that_is_unplugged_is_told_and_harmless) {
+  FakeCamera camera;
+  auto source = camera.open();
+  ASSERT_TRUE(source->set_exposure(5'000'000));
+  camera.unplugged = true;
+  const auto set = source->set_exposure(6'000'000);
+  ASSERT_FALSE(set);
+  EXPECT_EQ(set.error().kind, Kind::unplugged);
+  EXPECT_EQ(set.error().errno_value, ENODEV);
+  EXPECT_THAT(set.error().message, HasSubstr("connect the camera"));
+}
+
+}  // namespace
+}  // namespace celadon
+
+extern "C" int ioctl(int fd, unsigned long request, ...) noexcept {
+  va_list arguments;
+  va_start(arguments, request);
+  void* argument = va_arg(arguments, void*);
+  va_end(arguments);
+  auto* const camera = celadon::FakeCamera::present;
+  if (camera == nullptr || !camera->is(fd)) return static_cast<int>(::syscall(SYS_ioctl, fd, request, argument));
+  errno = camera->answer(request, argument);
+  return errno == 0 ? 0 : -1;
+}
