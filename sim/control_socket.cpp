@@ -93,6 +93,7 @@ json state(const Device& d, const Words&) {
   const DeviceState s = d.model.state();
   return {{"angle_rad", s.angle_rad},
           {"speed_rad_per_s", s.speed_rad_per_s},
+          {"motor_speed_rad_per_s", s.motor_speed_rad_per_s},
           {"motion", name_of(protocol::kMotionStates, static_cast<std::uint16_t>(s.motion))},
           {"lasers_on", s.lasers_on},
           {"lease_left_ms", s.lease_left_ms},

@@ -288,6 +288,7 @@ DeviceState DeviceModel::state() {
   DeviceState s;
   s.angle_rad = table_.table_angle_rad(now_ns_);
   s.speed_rad_per_s = table_.table_speed_rad_per_s(now_ns_);
+  s.motor_speed_rad_per_s = table_.motor_speed_rad_per_s(now_ns_);
   s.motion = core_->motion(0);
   s.lasers_on = laser_.emits(now_ns_) ? 1 : 0;
   s.lease_left_ms = core_->lease_left_ms(0);

@@ -39,7 +39,8 @@ DeviceConfig default_device(const CameraConfig& camera, double sheet_offset_mm =
 
 /// What the control socket's `state` tells: how things are, not what the controller believes.
 struct DeviceState {
-  double angle_rad = 0, speed_rad_per_s = 0;
+  double angle_rad = 0, speed_rad_per_s = 0;  ///< of the table
+  double motor_speed_rad_per_s = 0;
   MotionState motion = MotionState::unhomed;
   std::uint16_t lasers_on = 0;  ///< that emit
   std::uint32_t lease_left_ms = 0;

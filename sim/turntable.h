@@ -40,6 +40,8 @@ class Turntable {
   /// Where the table really is, by the index mark, and its speed.
   double table_angle_rad(std::int64_t now_ns);
   double table_speed_rad_per_s(std::int64_t now_ns);
+  /// Of the motor's shaft: exactly 0 once it stands, while the table still swings on its coupling.
+  double motor_speed_rad_per_s(std::int64_t now_ns) const { return motor(now_ns).speed; }
   /// What the drive reports: whole encoder counts.
   double encoder_rad(std::int64_t now_ns);
   double encoder_speed_rad_per_s(std::int64_t now_ns);

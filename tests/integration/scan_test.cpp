@@ -2,91 +2,20 @@
 // time is device time, read from the surviving simulator.
 
 #include <gtest/gtest.h>
-#include <sys/socket.h>
-#include <sys/un.h>
-#include <unistd.h>
 
 #include <cmath>
 #include <csignal>
-#include <cstdlib>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "tests/integration/process.h"
+#include "tests/integration/station.h"
 
 namespace celadon::testing {
 namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
-
-// One request to the control socket of a virtual scanner.
-json ask_simulator(const fs::path& folder, const std::string& request) {
-  const int fd = ::socket(AF_UNIX, SOCK_STREAM, 0);
-  sockaddr_un address{};
-  address.sun_family = AF_UNIX;
-  std::snprintf(address.sun_path, sizeof address.sun_path, "%s/control.sock", folder.c_str());
-  if (::connect(fd, reinterpret_cast<sockaddr*>(&address), sizeof address) != 0)
-    throw std::runtime_error("no simulator");
-  const std::string line = request + "\n";
-  EXPECT_EQ(::send(fd, line.data(), line.size(), MSG_NOSIGNAL), static_cast<ssize_t>(line.size()));
-  std::string answer;
-  for (char c = 0; ::read(fd, &c, 1) == 1 && c != '\n';) answer += c;
-  ::close(fd);
-  return json::parse(answer);
-}
-
-// A virtual scanner and a daemon that drives it.
-class Station {
- public:
-  explicit Station(const std::string& speed = "max", const std::vector<std::string>& more = {}) {
-    std::vector<std::string> command = {"celadon-sim", "--scene",      "vase",       "--seed",
-                                        "3",           "--speed",      speed,        "--modbus-tcp",
-                                        "127.0.0.1:0", "--socket-dir", folder.path()};
-    command.insert(command.end(), more.begin(), more.end());
-    simulator = std::make_unique<Program>(command);
-    if (!simulator->wait_for_output("\n")) throw std::runtime_error("simulator: " + simulator->wait().err);
-    url = json::parse(simulator->out())["modbus_url"];
-    const auto truth =
-        run({"celadon-sim", "truth", "--socket-dir", folder.path(), "--calibration", folder / "calibration.toml"});
-    if (truth.exit_code != 0) throw std::runtime_error("calibration: " + truth.err);
-  }
-  void start_daemon() {
-    daemon = std::make_unique<Program>(daemon_command());
-    if (!daemon->wait_for_output("\n")) throw std::runtime_error("daemon: " + daemon->wait().err);
-  }
-  std::vector<std::string> daemon_command() const {
-    return {"celadond",
-            "--device",
-            url,
-            "--camera",
-            "sim:" + folder.path().string(),
-            "--calibration",
-            folder / "calibration.toml",
-            "--store",
-            folder / "store",
-            "--http",
-            "0",
-            "--unix-socket",
-            folder / "api.sock"};
-  }
-  std::string server() const { return "unix:" + (folder / "api.sock").string(); }
-  json state() const { return ask_simulator(folder.path(), "state"); }
-
-  TemporaryFolder folder;
-  std::string url;
-  std::unique_ptr<Program> simulator, daemon;
-};
-
-bool laser_off(const json& state) {
-  return state["lasers_on"].get<int>() == 0;
-}
-
-// The drive stands; the table on its belt may still swing by less than a milliradian a second.
-bool motor_stopped(const json& state) {
-  return state["motion"] != "moving" && state["motion"] != "homing" &&
-         std::abs(state["speed_rad_per_s"].get<double>()) < 2e-3;
-}
 
 // Follows `celadon watch --json` until a scan delivers frames.
 void wait_for_frames(Program& watch) {
@@ -145,8 +74,7 @@ TEST(Scan, ButtonStartsOneAndASecondPressEndsIt) {
   const auto outcome = watch.wait();
   EXPECT_EQ(outcome.exit_code, 1) << outcome.err;
   EXPECT_NE(outcome.out.find("\"state\":\"cancelled\""), std::string::npos) << outcome.err;
-  EXPECT_TRUE(laser_off(station.state()));
-  EXPECT_TRUE(motor_stopped(station.state())) << station.state();
+  expect_safe(station);
 }
 
 TEST(Scan, CtrlCEndsTheScanWithLaserOffAndMotorStopped) {
@@ -157,8 +85,7 @@ TEST(Scan, CtrlCEndsTheScanWithLaserOffAndMotorStopped) {
   scan.signal(SIGINT);
   const auto outcome = scan.wait();
   EXPECT_EQ(outcome.exit_code, 130) << outcome.err;
-  EXPECT_TRUE(laser_off(station.state()));
-  EXPECT_TRUE(motor_stopped(station.state())) << station.state();
+  expect_safe(station);
   EXPECT_TRUE(fs::is_empty(station.folder / "out"));
 }
 
@@ -169,8 +96,7 @@ TEST(Scan, TerminatedDaemonMakesSafe) {
   wait_for_frames(scan);
   station.daemon->signal(SIGTERM);
   EXPECT_EQ(station.daemon->wait().exit_code, 0);
-  EXPECT_TRUE(laser_off(station.state()));
-  EXPECT_TRUE(motor_stopped(station.state())) << station.state();
+  expect_safe(station);
   EXPECT_NE(scan.wait().exit_code, 0);
 }
 
@@ -182,12 +108,7 @@ TEST(Scan, KilledDaemonLeavesTheLaserOffWithinTheLease) {
   wait_for_frames(scan);
   station.daemon->signal(SIGKILL);
   station.daemon->wait();
-  const json killed = station.state();
-  const std::int64_t begin_ns = killed["time_ns"];
-  json now = killed;
-  while (!laser_off(now) && now["time_ns"].get<std::int64_t>() - begin_ns < 2'000'000'000) now = station.state();
-  EXPECT_TRUE(laser_off(now));
-  EXPECT_LE(now["time_ns"].get<std::int64_t>() - begin_ns, 520'000'000) << "500 ms lease and one look";
+  expect_laser_off_within_lease(station);
   scan.wait();
 
   // A new daemon makes safe first, reports the scan as interrupted, and scans again.

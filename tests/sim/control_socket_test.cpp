@@ -51,8 +51,8 @@ TEST(ControlSocket, EveryCommandOfTheDocumentAnswers) {
   EXPECT_EQ(b.ask("press")["presses"], 1);
   EXPECT_EQ(b.ask("press 50")["presses"], 2);
   const json state = b.ask("state");
-  for (const char* key : {"angle_rad", "speed_rad_per_s", "motion", "lasers_on", "lease_left_ms", "lamp", "fault",
-                          "interlock_closed", "time_ns"}) {
+  for (const char* key : {"angle_rad", "speed_rad_per_s", "motor_speed_rad_per_s", "motion", "lasers_on",
+                          "lease_left_ms", "lamp", "fault", "interlock_closed", "time_ns"}) {
     EXPECT_TRUE(state.contains(key)) << key;
   }
   EXPECT_NEAR(b.ask("truth 0.5 60")["r_mm"].get<double>(), b.model.scene().truth_r_mm(0.5, 60), 1e-12);

@@ -101,6 +101,28 @@ TEST(Turntable, SwingsAfterAMoveAndSettles) {
   EXPECT_LT(late, 0.02 * amplitude);
 }
 
+// A damped oscillator never stands: when the drive reports standstill, the motor has speed 0 to the last bit and the
+// table swings with what is left of two jolts of acceleration, exp(-t / damping time) each; then that is forgotten.
+TEST(Turntable, AfterAStopTheMotorStandsAtOnceAndTheTableSwingsOut) {
+  TurntableConfig c;
+  Turntable t(c);
+  t.move(100, 0.3, c.max_acceleration_rad_per_s2, 0);
+  t.stop(kSecond);
+  std::int64_t now = kSecond;
+  while (t.phase(now) != Turntable::Phase::standing) now += 1'000'000;
+  EXPECT_EQ(t.motor_speed_rad_per_s(now), 0.0);
+  const double jolt = c.max_acceleration_rad_per_s2 / (2 * kPi * c.resonance_hz),
+               left = std::exp(-c.settle_time_s / c.damping_time_s);
+  double fastest = 0;
+  for (std::int64_t ns = now; ns < now + 40'000'000; ns += 100'000) {
+    fastest = std::max(fastest, std::abs(t.table_speed_rad_per_s(ns)));
+  }
+  EXPECT_LT(fastest, 2 * jolt * left);
+  EXPECT_GT(fastest, 0.1 * jolt * left);
+  static_cast<void>(t.table_angle_rad(now + 1'500'000'000));
+  EXPECT_EQ(t.table_speed_rad_per_s(now + 1'500'000'000), 0.0);
+}
+
 // Speeds are the derivative of angles, through every phase.
 TEST(Turntable, SpeedIsTheDerivativeOfTheAngle) {
   Turntable t(TurntableConfig{});
