@@ -25,6 +25,17 @@ struct AngleAtInstant {
   double angle_rad = 0, sigma_rad = 0, speed_rad_per_s = 0;
 };
 
+/// The angle while one frame is exposed and read out: that of its middle, and constant speed about it.
+struct FrameAngle {
+  AngleAtInstant middle;
+  std::int64_t middle_ns = 0;
+
+  AngleAtInstant at(std::int64_t host_ns) const {
+    const double after_s = static_cast<double>(host_ns - middle_ns) * 1e-9;
+    return {middle.angle_rad + middle.speed_rad_per_s * after_s, middle.sigma_rad, middle.speed_rad_per_s};
+  }
+};
+
 class AngleTimeline {
  public:
   /// quantisation_rad: resolution of the encoder.

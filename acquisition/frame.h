@@ -37,6 +37,14 @@ struct CameraMode {
   bool operator==(const CameraMode&) const = default;
 };
 
+/// What a recorded frame was for.
+enum class FrameUse : std::uint8_t {
+  background,  ///< laser off
+  look,        ///< the object before the table turned
+  turn,
+  overlap  ///< beyond the full turn
+};
+
 /// What is known of one frame.
 struct FrameInfo {
   std::uint64_t sequence = 0;     ///< of the driver; a gap means lost frames
@@ -44,9 +52,18 @@ struct FrameInfo {
   std::int64_t exposure_ns = 0;   ///< in force for this frame
   std::uint32_t lost_before = 0;  ///< frames lost between the previous one and this one
   bool corrupt = false;           ///< the driver flagged an error in the buffer
-  double table_angle_rad = 0;     ///< replay only: angle recorded with the frame
+  // Of a recording only, noted with the frame:
   bool has_table_angle = false;
-  bool laser_on = true;  ///< replay only: recorded with the frame
+  double table_angle_rad = 0, table_angle_sigma_rad = 0, table_speed_rad_per_s = 0;
+  bool laser_on = true;
+  FrameUse use = FrameUse::turn;
+};
+
+/// The scan whose frames a recording holds; empty and 0 where the recording does not say.
+struct RecordedScan {
+  std::string date;  ///< ISO 8601 UTC
+  std::string mode;  ///< "step", "sweep"
+  int profiles = 0;  ///< a turn
 };
 
 /// A device or system fault of a camera: one sentence with operation, device, cause, errno and the remedy.
@@ -117,6 +134,8 @@ class FrameSource {
   virtual tl::expected<Frame, CameraError> next(std::int64_t timeout_ns) = 0;
   /// Exposure time for the frames to come; the value in force is returned.
   virtual tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) = 0;
+  /// Of a recording: its frames know their angles, and there is no machine; nullptr for a camera.
+  virtual const RecordedScan* recorded() const { return nullptr; }
 };
 
 /// Opens "v4l2:/dev/video0[?width=..&height=..&format=GREY|YUYV]", "sim:FOLDER" (of celadon-sim --socket-dir) or

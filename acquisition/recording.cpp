@@ -24,6 +24,8 @@ constexpr std::string_view kFirstLine = "celadon-recording,";
 constexpr std::string_view kColumns = "file,table_angle_deg,stamp_ns,exposure_ns,laser";
 constexpr std::size_t kMostFrames = 10'000'000;
 constexpr double kRadPerDeg = std::numbers::pi / 180;
+constexpr std::array<std::string_view, 4> kUses{"background", "look", "turn", "overlap"};
+constexpr std::size_t kFields_1_0 = 5, kFields_1_1 = 9;
 
 struct Refusal {
   std::string message;
@@ -95,7 +97,7 @@ class IndexReader {
     const auto minor = dot == std::string_view::npos ? std::nullopt : number_of<unsigned>(version.substr(dot + 1));
     if (!major || !minor) refuse("the version " + quote(version) + " must read MAJOR.MINOR", "record again");
     if (*major != 1) refuse("version " + quote(version) + " is not 1", "update Celadon or record again");
-    newer_ = *minor > 0;
+    minor_ = *minor;
   }
 
   void read_settings() {
@@ -122,6 +124,14 @@ class IndexReader {
     };
     if (key == "camera" && !value.empty()) {
       index_.camera = value;
+    } else if (key == "date" && !value.empty() && minor_ >= 1) {
+      index_.scan.date = value;
+    } else if (key == "mode" && minor_ >= 1) {
+      index_.scan.mode = choose({"step", "sweep"}) == 0 ? "step" : "sweep";
+    } else if (key == "profiles" && minor_ >= 1) {
+      const auto profiles = number_of<int>(value);
+      if (!profiles || *profiles < 1) refuse("profiles is " + quote(value) + " and must be 1 or more", "correct it");
+      index_.scan.profiles = *profiles;
     } else if (key == "simulated") {
       index_.simulated = choose({"0", "1"}) == 1;
     } else if (key == "shutter") {
@@ -138,7 +148,7 @@ class IndexReader {
       }
       index_.yuyv_width_px = *width;
       index_.yuyv_height_px = *height;
-    } else if (!newer_) {
+    } else if (minor_ <= 1) {
       refuse("the setting " + quote(line) + " is unknown or empty",
              "correct it, or put the columns \"" + std::string(kColumns) + "\" before the frames");
     }
@@ -146,8 +156,10 @@ class IndexReader {
 
   void read_frame(std::string_view line) {
     const auto fields = fields_of(line);
-    if (fields.size() != 5 && !(newer_ && fields.size() > 5)) {
-      refuse("there are " + std::to_string(fields.size()) + " fields and must be 5", "correct or remove the line");
+    const bool known = fields.size() == kFields_1_0 || (fields.size() == kFields_1_1 && minor_ >= 1);
+    if (!known && !(minor_ > 1 && fields.size() > kFields_1_1)) {
+      refuse("there are " + std::to_string(fields.size()) + " fields and must be 5" + (minor_ >= 1 ? " or 9" : ""),
+             "correct or remove the line");
     }
     if (index_.frames.size() == kMostFrames) refuse("there are over 10000000 frames", "cut the recording into parts");
     RecordedFrame frame;
@@ -184,20 +196,42 @@ class IndexReader {
     frame.table_angle_rad = *angle * kRadPerDeg;
     frame.stamp_ns = *stamp;
     frame.exposure_ns = *exposure;
-    frame.laser_on = fields[4] == "1";
+    frame.use = fields[4] == "1" ? FrameUse::turn : FrameUse::background;
+    if (fields.size() >= kFields_1_1) read_use(fields, frame);
     index_.frames.push_back(std::move(frame));
+  }
+
+  void read_use(const std::vector<std::string_view>& fields, RecordedFrame& frame) const {
+    const auto* const use = std::find(kUses.begin(), kUses.end(), fields[5]);
+    if (use == kUses.end() || (use == kUses.begin()) != (fields[4] == "0")) {
+      refuse("the use " + quote(fields[5]) + " must be background with the laser 0, or look, turn or overlap with 1",
+             "correct the line");
+    }
+    frame.use = static_cast<FrameUse>(use - kUses.begin());
+    const auto rad = number_of<double>(fields[6]), sigma = number_of<double>(fields[7]),
+               speed = number_of<double>(fields[8]);
+    if (!rad || !sigma || !speed || !std::isfinite(*rad) || !(*sigma >= 0) || !std::isfinite(*sigma) ||
+        !std::isfinite(*speed) || std::abs(*rad - frame.table_angle_rad) > 1e-9 * (1 + std::abs(*rad))) {
+      refuse("the angle in radians, its uncertainty and the speed, " + quote(fields[6]) + ", " + quote(fields[7]) +
+                 ", " + quote(fields[8]) + ", must be finite numbers, the first that of table_angle_deg",
+             "correct the line");
+    }
+    frame.table_angle_rad = *rad;
+    frame.table_angle_sigma_rad = *sigma;
+    frame.table_speed_rad_per_s = *speed;
   }
 
   std::string_view rest_;
   std::string name_;
   int line_ = 0;
-  bool newer_ = false;
+  unsigned minor_ = 0;
   RecordingIndex index_;
 };
 
-std::string degrees_text(double angle_rad) {
+/// The shortest text that gives the same number.
+std::string number_text(double value) {
   std::array<char, 32> buffer;
-  return {buffer.data(), std::to_chars(buffer.data(), buffer.data() + buffer.size(), angle_rad / kRadPerDeg).ptr};
+  return {buffer.data(), std::to_chars(buffer.data(), buffer.data() + buffer.size(), value).ptr};
 }
 
 }  // namespace
@@ -212,27 +246,33 @@ tl::expected<RecordingIndex, std::string> parse_recording_index(const std::strin
 
 std::string format_recording_index(const RecordingIndex& index) {
   static constexpr std::array<const char*, 3> kColours{"red", "green", "luma"};
-  std::string out = std::string(kFirstLine) + "1.0\ncamera," + index.camera + "\nsimulated," +
+  std::string out = std::string(kFirstLine) + "1.1\ncamera," + index.camera + "\nsimulated," +
                     (index.simulated ? "1" : "0") + "\nshutter," +
                     (index.shutter == Shutter::rolling ? "rolling" : "global") + "\ncolour," +
                     kColours.at(static_cast<std::size_t>(index.colour)) + "\n";
   if (index.yuyv_width_px != 0) {
     out += "yuyv_size," + std::to_string(index.yuyv_width_px) + "," + std::to_string(index.yuyv_height_px) + "\n";
   }
+  if (!index.scan.date.empty()) out += "date," + index.scan.date + "\n";
+  if (!index.scan.mode.empty()) out += "mode," + index.scan.mode + "\n";
+  if (index.scan.profiles > 0) out += "profiles," + std::to_string(index.scan.profiles) + "\n";
   out += std::string(kColumns) + "\n";
   for (const RecordedFrame& frame : index.frames) {
-    out += frame.file + "," + degrees_text(frame.table_angle_rad) + "," + std::to_string(frame.stamp_ns) + "," +
-           std::to_string(frame.exposure_ns) + "," + (frame.laser_on ? "1" : "0") + "\n";
+    out += frame.file + "," + number_text(frame.table_angle_rad / kRadPerDeg) + "," + std::to_string(frame.stamp_ns) +
+           "," + std::to_string(frame.exposure_ns) + (frame.use == FrameUse::background ? ",0," : ",1,") +
+           std::string(kUses.at(static_cast<std::size_t>(frame.use))) + "," + number_text(frame.table_angle_rad) + "," +
+           number_text(frame.table_angle_sigma_rad) + "," + number_text(frame.table_speed_rad_per_s) + "\n";
   }
   return out;
 }
 
-RecordingWriter::RecordingWriter(std::filesystem::path folder, const CameraMode& mode)
+RecordingWriter::RecordingWriter(std::filesystem::path folder, const CameraMode& mode, const RecordedScan& scan)
     : folder_(std::move(folder)), mode_(mode) {
   if (mode.identity.empty() || mode.identity.find_first_of("\r\n") != std::string::npos) {
     throw std::invalid_argument("RecordingWriter: the camera's identity must be one line of text");
   }
   index_.camera = mode.identity;
+  index_.scan = scan;
   index_.simulated = mode.simulated;
   index_.shutter = mode.shutter;
   if (mode.format == PixelFormat::yuyv) {
@@ -241,9 +281,9 @@ RecordingWriter::RecordingWriter(std::filesystem::path folder, const CameraMode&
   }
 }
 
-tl::expected<void, CameraError> RecordingWriter::append(const Frame& frame, double table_angle_rad, bool laser_on) {
+tl::expected<void, CameraError> RecordingWriter::append(const Frame& frame, const AngleAtInstant& angle, FrameUse use) {
   const auto height = static_cast<std::size_t>(mode_.height_px);
-  if (!std::isfinite(table_angle_rad) || frame.bytes().size() < mode_.stride_bytes * height ||
+  if (!std::isfinite(angle.angle_rad) || frame.bytes().size() < mode_.stride_bytes * height ||
       (!index_.frames.empty() && frame.info.stamp_ns <= index_.frames.back().stamp_ns)) {
     throw std::invalid_argument(
         "RecordingWriter::append: a frame of another mode, a stamp that does not rise, or no angle");
@@ -271,10 +311,12 @@ tl::expected<void, CameraError> RecordingWriter::append(const Frame& frame, doub
     }
   }
   index_.frames.push_back({.file = name.data(),
-                           .table_angle_rad = table_angle_rad,
+                           .table_angle_rad = angle.angle_rad,
+                           .table_angle_sigma_rad = angle.sigma_rad,
+                           .table_speed_rad_per_s = angle.speed_rad_per_s,
                            .stamp_ns = frame.info.stamp_ns,
                            .exposure_ns = frame.info.exposure_ns,
-                           .laser_on = laser_on});
+                           .use = use});
   return {};
 }
 

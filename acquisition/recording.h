@@ -7,6 +7,7 @@
 
 #include <tl/expected.hpp>
 
+#include "acquisition/angle_timeline.h"
 #include "acquisition/frame.h"
 #include "acquisition/image_file.h"
 
@@ -15,14 +16,15 @@ namespace celadon {
 /// One line of the index.
 struct RecordedFrame {
   std::string file;  ///< inside the folder
-  double table_angle_rad = 0;
+  double table_angle_rad = 0, table_angle_sigma_rad = 0, table_speed_rad_per_s = 0;
   std::int64_t stamp_ns = 0, exposure_ns = 0;
-  bool laser_on = true;
+  FrameUse use = FrameUse::turn;
   int line = 0;  ///< of index.csv
 };
 
 struct RecordingIndex {
   std::string camera;
+  RecordedScan scan;
   bool simulated = false;
   Shutter shutter = Shutter::global;
   ColourChannel colour = ColourChannel::red;
@@ -39,9 +41,10 @@ std::string format_recording_index(const RecordingIndex& index);
 class RecordingWriter {
  public:
   /// @pre folder exists; an index in it is replaced by finish()
-  RecordingWriter(std::filesystem::path folder, const CameraMode& mode);
+  RecordingWriter(std::filesystem::path folder, const CameraMode& mode, const RecordedScan& scan);
+  /// @param angle  of the instant of the frame's middle row, encoder's
   /// @pre frame is of the mode given; stamps rise
-  tl::expected<void, CameraError> append(const Frame& frame, double table_angle_rad, bool laser_on);
+  tl::expected<void, CameraError> append(const Frame& frame, const AngleAtInstant& angle, FrameUse use);
   /// Writes the index beside its name, syncs it and renames it.
   tl::expected<void, CameraError> finish();
 

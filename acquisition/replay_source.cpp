@@ -83,9 +83,12 @@ class ReplaySource final : public FrameSource, public FrameReturn {
     info.sequence = next_++;
     info.stamp_ns = recorded.stamp_ns;
     info.exposure_ns = recorded.exposure_ns;
-    info.table_angle_rad = recorded.table_angle_rad;
     info.has_table_angle = true;
-    info.laser_on = recorded.laser_on;
+    info.table_angle_rad = recorded.table_angle_rad;
+    info.table_angle_sigma_rad = recorded.table_angle_sigma_rad;
+    info.table_speed_rad_per_s = recorded.table_speed_rad_per_s;
+    info.laser_on = recorded.use != FrameUse::background;
+    info.use = recorded.use;
     leases_.lend(buffer);
     return Frame(this, buffer, image.bytes, info);
   }
@@ -94,6 +97,8 @@ class ReplaySource final : public FrameSource, public FrameReturn {
   tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t /*exposure_ns*/) override {
     return next_ < index_.frames.size() ? index_.frames[next_].exposure_ns : mode_.exposure_ns;
   }
+
+  const RecordedScan* recorded() const override { return &index_.scan; }
 
   void give_back(std::uint32_t buffer) noexcept override { leases_.take_back(buffer); }
 

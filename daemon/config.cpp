@@ -108,6 +108,8 @@ void read_root(const toml::table& root, Config& config) {
       config.calibration = text(key, node);
     } else if (key == "store") {
       config.store = text(key, node);
+    } else if (key == "record") {
+      config.record = text(key, node);
     } else if (key == "log_level") {
       config.log_level = text(key, node);
     } else if (key == "http") {
@@ -119,7 +121,7 @@ void read_root(const toml::table& root, Config& config) {
     } else {
       throw Problem{
           line_of(node) + "'" + key +
-          "' is not known; the keys are device, camera, calibration, store, log_level and the sections [http], "
+          "' is not known; the keys are device, camera, calibration, store, record, log_level and the sections [http], "
           "[scan], [volume]."};
     }
   }
@@ -148,7 +150,15 @@ tl::expected<void, ConfigError> read_config(const std::filesystem::path& file, C
 
 tl::expected<void, ConfigError> check_config(const Config& config) {
   const auto refused = [](const std::string& message) { return tl::make_unexpected(ConfigError{message}); };
-  if (!starts_with_one_of(config.device, {"modbus-tcp://", "modbus-rtu:", "usb:"})) {
+  const bool replay = starts_with_one_of(config.camera, {"replay:"});
+  if (replay && !config.device.empty()) {
+    return refused("The device is '" + config.device + "', but the camera is the recording '" + config.camera +
+                   "', whose frames know their angles; leave --device out.");
+  }
+  if (replay && !config.record.empty()) {
+    return refused("The camera is the recording '" + config.camera + "' already; leave --record out.");
+  }
+  if (!replay && !starts_with_one_of(config.device, {"modbus-tcp://", "modbus-rtu:", "usb:"})) {
     return refused("The device is '" + config.device +
                    "'; give --device modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID].");
   }

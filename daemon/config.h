@@ -13,10 +13,11 @@
 namespace celadon {
 
 struct Config {
-  std::string device;                 ///< "modbus-tcp://..", "modbus-rtu:..", "usb:.."
+  std::string device;                 ///< "modbus-tcp://..", "modbus-rtu:..", "usb:.."; empty with a recording
   std::string camera;                 ///< "v4l2:..", "sim:FOLDER", "replay:FOLDER"
   std::filesystem::path calibration;  ///< file
   std::filesystem::path store;        ///< folder of scans
+  std::filesystem::path record;       ///< folder for the frames of each scan (REPLAY.md); empty: they are not kept
   std::string http_address = "127.0.0.1";
   std::uint16_t http_port = 7450;  ///< 0: any free one
   std::string unix_socket;         ///< path; empty: none

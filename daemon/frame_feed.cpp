@@ -39,7 +39,8 @@ tl::expected<std::unique_ptr<FrameFeed>, ScanStop> FrameFeed::start(const ScanEq
                                                                     ScanObserver& observer,
                                                                     const Triangulator& triangulator, int laser) {
   const std::int64_t period_ns = equipment.camera.mode().frame_period_ns;
-  const std::int64_t lease_ns = equipment.device.capabilities().lease_ms * kMillisecond_ns;
+  const std::int64_t lease_ns =
+      equipment.device != nullptr ? equipment.device->capabilities().lease_ms * kMillisecond_ns : INT64_MAX;
   if (period_ns > lease_ns / 2) {
     return tl::make_unexpected(ScanStop{ScanState::failed,
                                         "The camera's frame period of " + milliseconds(period_ns) +
@@ -59,7 +60,7 @@ FrameFeed::FrameFeed(const ScanEquipment& equipment, ScanObserver& observer, con
       observer_(observer),
       triangulator_(triangulator),
       laser_(laser),
-      timeline_(equipment.device.capabilities().encoder_resolution_rad) {}
+      timeline_(equipment.device != nullptr ? equipment.device->capabilities().encoder_resolution_rad : 0) {}
 
 FrameFeed::~FrameFeed() {
   equipment_.camera.stop();
@@ -83,11 +84,12 @@ std::optional<ScanStop> FrameFeed::unfit() const {
 
 tl::expected<void, ScanStop> FrameFeed::poll() {
   if (const auto reason = observer_.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
-  auto status = equipment_.device.poll();
+  if (equipment_.device == nullptr) return {};
+  auto status = equipment_.device->poll();
   if (!status) return tl::make_unexpected(stop_of(status.error()));
   status_ = *status;
   observer_.on_status(status_);
-  if (equipment_.device.take_button_presses() > 0) {
+  if (equipment_.device->take_button_presses() > 0) {
     return tl::make_unexpected(cancelled_by("by the button on the machine"));
   }
   if (auto stop = unfit()) return tl::make_unexpected(*stop);
@@ -99,11 +101,11 @@ tl::expected<void, ScanStop> FrameFeed::poll() {
 }
 
 tl::expected<void, ScanStop> FrameFeed::renew_lease(bool granting) {
-  const std::int64_t lease_ms = equipment_.device.capabilities().lease_ms;
+  const std::int64_t lease_ms = equipment_.device->capabilities().lease_ms;
   const std::int64_t now_ns = equipment_.clock.now_ns();
   if (!granting && now_ns - granted_ns_ < lease_ms * kMillisecond_ns / 3) return {};
   if (granting || now_ns - granted_ns_ >= lease_ms * kMillisecond_ns) shining_since_ns_ = now_ns;
-  if (auto renewed = equipment_.device.renew_laser(laser_, lease_ms); !renewed) {
+  if (auto renewed = equipment_.device->renew_laser(laser_, lease_ms); !renewed) {
     return tl::make_unexpected(stop_of(renewed.error()));
   }
   granted_ns_ = now_ns;
@@ -117,7 +119,7 @@ tl::expected<void, ScanStop> FrameFeed::laser_on() {
 
 tl::expected<void, ScanStop> FrameFeed::laser_off() {
   lit_ = false;
-  if (auto off = equipment_.device.laser_off(); !off) return tl::make_unexpected(stop_of(off.error()));
+  if (auto off = equipment_.device->laser_off(); !off) return tl::make_unexpected(stop_of(off.error()));
   return {};
 }
 
@@ -163,6 +165,16 @@ tl::expected<Frame, ScanStop> FrameFeed::next_after(std::int64_t instant_ns) {
                    " frames in a row whose time stamps lie before the table came to rest; check the calibration's time "
                    "model and the camera's clock.",
                false, true});
+}
+
+tl::expected<void, ScanStop> FrameFeed::keep(const Frame& frame, const AngleAtInstant& angle, FrameUse use) {
+  if (recording_ == nullptr) return {};
+  if (auto kept = recording_->append(frame, angle, use); !kept) {
+    ScanStop stop = stop_of(kept.error());
+    stop.camera_lost = false;
+    return tl::make_unexpected(std::move(stop));
+  }
+  return {};
 }
 
 void FrameFeed::verdict(const FrameInfo& frame, FrameVerdict verdict) {

@@ -7,6 +7,7 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/angle_timeline.h"
+#include "acquisition/recording.h"
 #include "daemon/profile_log.h"
 #include "daemon/scan_job.h"
 
@@ -24,6 +25,11 @@ class FrameFeed {
 
   /// Frames and position samples are noted in `log` from now on.
   void record_in(ProfileLogWriter& log) { log_ = &log; }
+
+  /// Frames that are given to keep() go there from now on.
+  void record_frames_in(RecordingWriter& recording) { recording_ = &recording; }
+  /// Keeps a frame that was used; nothing without a recording.
+  tl::expected<void, ScanStop> keep(const Frame& frame, const AngleAtInstant& angle, FrameUse use);
 
   /// Grants the first lease. The laser stays on while next() accepts frames.
   tl::expected<void, ScanStop> laser_on();
@@ -43,7 +49,7 @@ class FrameFeed {
   /// Writes down what became of a frame.
   void verdict(const FrameInfo& frame, FrameVerdict verdict);
 
-  /// Polls the device: heartbeat, button, interlock, position.
+  /// Polls the device: heartbeat, button, interlock, position. With a recording only cancels are looked for.
   tl::expected<void, ScanStop> poll();
   const DeviceStatus& status() const { return status_; }
   const AngleTimeline& timeline() const { return timeline_; }
@@ -66,6 +72,7 @@ class FrameFeed {
   const Triangulator& triangulator_;
   const int laser_;
   ProfileLogWriter* log_ = nullptr;
+  RecordingWriter* recording_ = nullptr;
   AngleTimeline timeline_;
   DeviceStatus status_;
   Counts counts_;

@@ -39,7 +39,7 @@ sigset_t block_signals() {
 }
 
 struct CommandLine {
-  std::string config_file, device, camera, calibration, store, unix_socket, log_level;
+  std::string config_file, device, camera, calibration, store, record, unix_socket, log_level;
   int port = -1;
 };
 
@@ -53,6 +53,7 @@ tl::expected<Config, ConfigError> configure(const CommandLine& line) {
   if (!line.camera.empty()) config.camera = line.camera;
   if (!line.calibration.empty()) config.calibration = line.calibration;
   if (!line.store.empty()) config.store = line.store;
+  if (!line.record.empty()) config.record = line.record;
   if (!line.unix_socket.empty()) config.unix_socket = line.unix_socket;
   if (!line.log_level.empty()) config.log_level = line.log_level;
   if (line.port >= 0) config.http_port = static_cast<std::uint16_t>(line.port);
@@ -69,6 +70,7 @@ int serve(const Config& config, const sigset_t& ending) {
   ScanQueueOptions options;
   options.device_url = config.device;
   options.camera_url = config.camera;
+  options.recordings = config.record;
   options.button_request = config.scan;
   options.volume = config.volume;
   ScanQueue queue(std::move(*store), *calibration, options,
@@ -100,10 +102,12 @@ int run(int argc, char** argv) {
   CLI::App app("Owns the scanner: takes presses of its button and requests over HTTP, scans, and leaves CAD files.",
                "celadond");
   app.add_option("--config", line.config_file, "TOML file; the options below override it");
-  app.add_option("--device", line.device, "modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID]");
+  app.add_option("--device", line.device,
+                 "modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID]; none with replay:");
   app.add_option("--camera", line.camera, "v4l2:/dev/videoN, sim:FOLDER or replay:FOLDER");
   app.add_option("--calibration", line.calibration, "calibration file of this machine and camera");
   app.add_option("--store", line.store, "folder of the scans");
+  app.add_option("--record", line.record, "folder: keep the frames of each scan in it, for replay:");
   app.add_option("--http", line.port, "port on 127.0.0.1 (default 7450; 0 takes a free one)")
       ->check(CLI::Range(0, 65535));
   app.add_option("--unix-socket", line.unix_socket, "path of a Unix socket to serve, too");

@@ -27,6 +27,12 @@ tl::unexpected<ScanStop> failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
 }
 
+/// Instant of the middle row.
+std::int64_t middle_of(const CaptureTools& tools, const FrameInfo& frame) {
+  const double last_row = static_cast<double>(tools.equipment.camera.mode().height_px) - 1;
+  return tools.triangulator.row_instant_ns(frame, last_row / 2);
+}
+
 /// How the turn is laid out: `profiles` angles a turn, and so many again for the closure test.
 struct Turn {
   explicit Turn(const CaptureTools& tools)
@@ -52,16 +58,18 @@ class Intake {
         running_fit_(running_options(tools)),
         rows_(static_cast<std::size_t>(tools.equipment.camera.mode().height_px)) {}
 
-  /// @param angle_at encoder's angle at an instant  @param turned_rad true angle since the start of the turn, 0 .. 2 pi
-  /// for the fit, beyond it for the closure test only
-  template <class AngleAt>
-  tl::expected<void, ScanStop> take(Frame frame, AngleAt&& angle_at, double turned_rad) {
+  /// @param turned_rad  true angle since the start of the turn, 0 .. 2 pi for the fit, beyond it for the closure test
+  tl::expected<void, ScanStop> take(Frame frame, const FrameAngle& angle, double turned_rad) {
     const FrameInfo info = frame.info;
+    const bool overlap = turned_rad >= kTurn_rad;
+    if (auto kept = tools_.feed.keep(frame, angle.middle, overlap ? FrameUse::overlap : FrameUse::turn); !kept) {
+      return kept;
+    }
     tools_.extractor.extract(tools_.equipment.camera.mode(), frame.bytes(), tools_.preparation.background, rows_);
     frame.release();  // the driver gets its buffer back before anything slower happens
-    const auto counts = tools_.triangulator.triangulate(rows_, info, angle_at, profile_);
+    const auto counts = tools_.triangulator.triangulate(
+        rows_, info, [&](std::int64_t ns) { return angle.at(ns); }, profile_);
     ambiguous_ += static_cast<std::uint64_t>(counts.ambiguous);
-    const bool overlap = turned_rad >= kTurn_rad;
     tools_.feed.verdict(info, profile_.size() > 0 ? FrameVerdict::profile : FrameVerdict::no_line);
     profile_.index = index_++;
     if (overlap) {
@@ -143,7 +151,7 @@ class Intake {
 
 tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
   const Turn turn(tools);
-  ScannerDevice& device = tools.equipment.device;
+  ScannerDevice& device = *tools.equipment.device;
   FrameFeed& feed = tools.feed;
   const DeviceCapabilities& limits = device.capabilities();
 
@@ -167,8 +175,7 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
     auto frame = feed.next();
     if (!frame) return tl::make_unexpected(frame.error());
     const FrameInfo info = frame->info;
-    const std::int64_t middle_ns =
-        tools.triangulator.row_instant_ns(info, (static_cast<double>(tools.equipment.camera.mode().height_px) - 1) / 2);
+    const std::int64_t middle_ns = middle_of(tools, info);
     const auto angle = feed.timeline().at(middle_ns);
     if (!angle) {
       feed.verdict(info, FrameVerdict::no_angle);
@@ -186,8 +193,7 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
       feed.verdict(info, FrameVerdict::outside_turn);
       continue;
     }
-    auto taken = intake.take(
-        std::move(*frame), [&](std::int64_t ns) { return feed.timeline().at(ns); }, turned);
+    auto taken = intake.take(std::move(*frame), {*angle, middle_ns}, turned);
     if (!taken) return tl::make_unexpected(taken.error());
   }
   return intake.result();
@@ -195,7 +201,7 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
 
 tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
   const Turn turn(tools);
-  ScannerDevice& device = tools.equipment.device;
+  ScannerDevice& device = *tools.equipment.device;
   FrameFeed& feed = tools.feed;
   const DeviceCapabilities& limits = device.capabilities();
   const double pitch = turn.pitch_rad * turn.encoder_per_true;
@@ -221,10 +227,37 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
     if (!frame) return tl::make_unexpected(frame.error());
     const AngleAtInstant angle{settled->angle_rad, sigma_rad, 0};
     const double turned = k < turn.profiles ? k * turn.pitch_rad : kTurn_rad + (k - turn.profiles) * turn.pitch_rad;
-    auto taken = intake.take(
-        std::move(*frame), [&](std::int64_t) { return angle; }, turned);
+    const std::int64_t middle_ns = middle_of(tools, frame->info);
+    auto taken = intake.take(std::move(*frame), {angle, middle_ns}, turned);
     if (!taken) return tl::make_unexpected(taken.error());
   }
+  return intake.result();
+}
+
+tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
+  const Turn turn(tools);
+  FrameSource& camera = tools.equipment.camera;
+  camera.stop();  // from its first frame again
+  if (auto started = camera.start(); !started) return tl::make_unexpected(stop_of(started.error()));
+  Intake intake(tools, turn);
+  std::optional<double> start;
+  while (true) {
+    if (auto polled = tools.feed.poll(); !polled) return tl::make_unexpected(polled.error());
+    auto frame = camera.next(0);
+    if (!frame && frame.error().kind == CameraError::Kind::end_of_stream) break;
+    if (!frame) return tl::make_unexpected(stop_of(frame.error()));
+    const FrameInfo info = frame->info;
+    if (info.use != FrameUse::turn && info.use != FrameUse::overlap) continue;
+    if (!start) start = info.table_angle_rad;
+    // Recordings may turn either way.
+    double turned = std::abs(info.table_angle_rad - *start) / turn.encoder_per_true;
+    if (info.use == FrameUse::overlap) turned = std::max(turned, kTurn_rad);
+    const FrameAngle angle{{info.table_angle_rad, info.table_angle_sigma_rad, info.table_speed_rad_per_s},
+                           middle_of(tools, info)};
+    auto taken = intake.take(std::move(*frame), angle, turned);
+    if (!taken) return tl::make_unexpected(taken.error());
+  }
+  if (!start) return failed("The recording has no frame of a turn; record again.");
   return intake.result();
 }
 

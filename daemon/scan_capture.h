@@ -41,4 +41,7 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools);
 /// One turn and a little more in steps, one frame at rest after each, always approached from the same side.
 tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools);
 
+/// The turn that a recording holds, each frame at the angle noted with it.
+tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools);
+
 }  // namespace celadon

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "acquisition/recording.h"
 #include "daemon/frame_feed.h"
 #include "daemon/profile_log.h"
 #include "daemon/results.h"
@@ -26,24 +27,30 @@ tl::unexpected<ScanStop> failed(const std::string& reason) {
 }
 
 /// Lasers off and motor stopped on every way out. Until then a cancel or the button also ends waits for a motion.
+/// Nothing to do for a recording.
 class SafeOnExit {
  public:
-  SafeOnExit(ScannerDevice& device, ScanObserver& observer) : device_(device) {
-    device_.set_interrupt([&] { return observer.cancelled() || device.take_button_presses() > 0; });
+  SafeOnExit(ScannerDevice* device, ScanObserver& observer) : device_(device) {
+    if (device_ == nullptr) return;
+    device_->set_interrupt([&observer, device] { return observer.cancelled() || device->take_button_presses() > 0; });
   }
   ~SafeOnExit() {
-    if (!done_) device_.make_safe();
-    device_.set_interrupt({});
+    if (device_ == nullptr) return;
+    if (!done_) device_->make_safe();
+    device_->set_interrupt({});
   }
   SafeOnExit(const SafeOnExit&) = delete;
   SafeOnExit& operator=(const SafeOnExit&) = delete;
-  SafeReport now() {
+  /// What is not safe; nullopt: all is.
+  std::optional<std::string> now() {
+    if (device_ == nullptr) return std::nullopt;
     done_ = true;
-    return device_.make_safe();
+    const SafeReport left = device_->make_safe();
+    return left.lasers_off && left.motor_stopped ? std::nullopt : std::optional(left.text);
   }
 
  private:
-  ScannerDevice& device_;
+  ScannerDevice* device_;
   bool done_ = false;
 };
 
@@ -112,6 +119,38 @@ GridSpecification grid_for(const ScanRequest& request, const ScanPreparation& se
   return grid;
 }
 
+/// A recording does not name its machine; the calibration does.
+std::string machine_of(const ScanEquipment& equipment) {
+  return equipment.device != nullptr ? equipment.device->identity().machine : equipment.calibration.machine;
+}
+
+bool is_simulated(const ScanEquipment& equipment) {
+  return (equipment.device != nullptr && equipment.device->identity().simulated) || equipment.camera.mode().simulated;
+}
+
+/// What the scan that a recording holds was asked for; what it does not say is as asked now.
+ScanTask as_recorded(ScanTask task, const RecordedScan& scan) {
+  if (!scan.date.empty()) task.date = scan.date;
+  if (!scan.mode.empty()) task.request.mode = scan.mode == "step" ? ScanMode::step : ScanMode::sweep;
+  if (scan.profiles > 0) task.request.profiles = scan.profiles;
+  return task;
+}
+
+/// Where the frames of this scan are kept; nothing unless that was asked for.
+tl::expected<std::unique_ptr<RecordingWriter>, ScanStop> open_recording(const ScanEquipment& equipment,
+                                                                        const ScanTask& task) {
+  if (task.recording_folder.empty()) return nullptr;
+  std::error_code error;
+  std::filesystem::create_directories(task.recording_folder, error);
+  if (error) {
+    return failed("The folder " + task.recording_folder.string() +
+                  " for the frames cannot be made: " + error.message() + "; give another with --record.");
+  }
+  return std::make_unique<RecordingWriter>(
+      task.recording_folder, equipment.camera.mode(),
+      RecordedScan{task.date, task.request.mode == ScanMode::step ? "step" : "sweep", task.request.profiles});
+}
+
 tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEquipment& equipment, const ScanTask& task,
                                                                    std::size_t samples_per_profile) {
   const double wanted = kBytesPerSample * static_cast<double>(samples_per_profile) * task.request.profiles * 1.1;
@@ -127,9 +166,9 @@ tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEqu
   }
   LogHeader header;
   header.date = task.date;
-  header.machine = equipment.device.identity().machine;
+  header.machine = machine_of(equipment);
   header.camera = equipment.camera.mode().identity;
-  header.simulated = equipment.device.identity().simulated || equipment.camera.mode().simulated;
+  header.simulated = is_simulated(equipment);
   header.request = task.request;
   header.calibration = format_calibration(equipment.calibration);
   auto log = ProfileLogWriter::create(task.log_file, header);
@@ -189,14 +228,15 @@ double seconds_of(const ResultNotes& notes, std::initializer_list<const char*> s
 
 }  // namespace
 
-tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, const ScanTask& task,
+tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, const ScanTask& asked,
                                              ScanObserver& observer) {
+  const RecordedScan* const recorded = equipment.camera.recorded();
+  const ScanTask task = recorded != nullptr ? as_recorded(asked, *recorded) : asked;
   ResultNotes notes;
   notes.name = file_stem(task.request.name);
   notes.date = task.date;
-  notes.machine = equipment.device.identity().machine;
-  notes.simulated =
-      equipment.device.identity().simulated || equipment.camera.mode().simulated || equipment.calibration.simulated;
+  notes.machine = machine_of(equipment);
+  notes.simulated = is_simulated(equipment) || equipment.calibration.simulated;
   StageClock clock(notes.seconds);
   SafeOnExit safe(equipment.device, observer);
 
@@ -211,12 +251,17 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   const int laser = equipment.calibration.lasers.front().laser;
   const Triangulator triangulator(equipment.calibration, laser, equipment.volume);
   LaserLineExtractor extractor;
-  if (auto ready = make_device_ready(equipment, task.request, observer); !ready) {
-    return tl::make_unexpected(ready.error());
+  if (recorded == nullptr) {
+    auto ready = make_device_ready(equipment, task.request, observer);
+    if (!ready) return tl::make_unexpected(ready.error());
   }
+  auto recording = open_recording(equipment, task);
+  if (!recording) return tl::make_unexpected(recording.error());
   auto feed = FrameFeed::start(equipment, observer, triangulator, laser);
   if (!feed) return tl::make_unexpected(feed.error());
-  auto seen = look_at_object(equipment, **feed, extractor, triangulator);
+  if (*recording) (*feed)->record_frames_in(**recording);
+  auto seen = recorded != nullptr ? look_at_recording(equipment, extractor, triangulator)
+                                  : look_at_object(equipment, **feed, extractor, triangulator);
   if (!seen) return tl::make_unexpected(seen.error());
   notes.warnings.insert(notes.warnings.end(), seen->warnings.begin(), seen->warnings.end());
   auto log = open_log(equipment, task, seen->samples);
@@ -228,18 +273,23 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   // Move, frame, line, profile, log, accumulate.
   observer.on_state(ScanState::scanning);
   const CaptureTools tools{equipment, task.request, **feed, extractor, triangulator, *seen, **log, sums, observer};
-  auto captured = task.request.mode == ScanMode::sweep ? sweep(tools) : step_around(tools);
+  auto captured = recorded != nullptr                    ? replay(tools)
+                  : task.request.mode == ScanMode::sweep ? sweep(tools)
+                                                         : step_around(tools);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
-  const SafeReport left = safe.now();
+  const std::optional<std::string> unsafe = safe.now();
   feed->reset();
   if (!captured) {
     const bool cancelled = captured.error().state == ScanState::cancelled;
     (void)(*log)->finish(cancelled ? LogOutcome::cancelled : LogOutcome::failed, captured.error().reason);
     return tl::make_unexpected(captured.error());
   }
-  if (!left.lasers_off || !left.motor_stopped) notes.warnings.push_back(left.text);
+  if (unsafe) notes.warnings.push_back(*unsafe);
+  if (*recording) {
+    if (auto kept = (*recording)->finish(); !kept) return failed(kept.error().message);
+  }
   notes.scan = captured->counters;
   notes.closure_mm = captured->closure_mm;
   notes.warnings.insert(notes.warnings.end(), captured->warnings.begin(), captured->warnings.end());

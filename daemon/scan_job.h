@@ -20,7 +20,7 @@ namespace celadon {
 
 /// What a scan runs on; borrowed for its duration by the thread that owns it.
 struct ScanEquipment {
-  ScannerDevice& device;
+  ScannerDevice* device;  ///< nullptr with a recording, whose frames know their angles
   FrameSource& camera;
   Clock& clock;                    ///< of device and camera
   const Calibration& calibration;  ///< checked against machine and camera
@@ -30,9 +30,10 @@ struct ScanEquipment {
 
 struct ScanTask {
   ScanRequest request;
-  std::string date;                      ///< ISO 8601 UTC
-  std::filesystem::path log_file;        ///< must not exist
-  std::filesystem::path results_folder;  ///< must not exist
+  std::string date;                             ///< ISO 8601 UTC
+  std::filesystem::path log_file;               ///< must not exist
+  std::filesystem::path results_folder;         ///< must not exist
+  std::filesystem::path recording_folder = {};  ///< of the frames, if they shall be kept; must not exist
 };
 
 /// Who watches a scan. Called from the scan's thread, between two frames; must return at once.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <span>
 
 namespace celadon {
 namespace {
@@ -18,23 +19,44 @@ tl::unexpected<ScanStop> failed(const std::string& reason) {
 }
 
 /// Mean of several frames, rounded: one frame would add its whole noise to every line.
-tl::expected<std::vector<std::uint8_t>, ScanStop> mean_frame(FrameFeed& feed, Clock& clock) {
-  std::vector<std::uint16_t> sum;
-  const std::int64_t dark_since_ns = clock.now_ns();
-  for (int k = 0; k < kBackgroundFrames; ++k) {
-    auto frame = feed.next_after(dark_since_ns);
-    if (!frame) return tl::make_unexpected(frame.error());
-    const auto bytes = frame->bytes();
-    if (sum.empty()) sum.assign(bytes.size(), kBackgroundFrames / 2);
-    if (sum.size() != bytes.size()) {
-      return failed("The camera changed its frame size from " + std::to_string(sum.size()) + " to " +
+class MeanFrame {
+ public:
+  tl::expected<void, ScanStop> add(std::span<const std::uint8_t> bytes) {
+    if (sum_.empty()) sum_.assign(bytes.size(), 0);
+    if (sum_.size() != bytes.size()) {
+      return failed("The camera changed its frame size from " + std::to_string(sum_.size()) + " to " +
                     std::to_string(bytes.size()) + " bytes during the scan; restart it.");
     }
-    for (std::size_t i = 0; i < bytes.size(); ++i) sum[i] = static_cast<std::uint16_t>(sum[i] + bytes[i]);
+    for (std::size_t i = 0; i < bytes.size(); ++i) sum_[i] = static_cast<std::uint16_t>(sum_[i] + bytes[i]);
+    ++count_;
+    return {};
   }
-  std::vector<std::uint8_t> mean(sum.size());
-  for (std::size_t i = 0; i < sum.size(); ++i) mean[i] = static_cast<std::uint8_t>(sum[i] / kBackgroundFrames);
-  return mean;
+  int count() const { return count_; }
+  /// Empty without a frame.
+  std::vector<std::uint8_t> mean() const {
+    std::vector<std::uint8_t> mean(sum_.size());
+    for (std::size_t i = 0; i < mean.size(); ++i) {
+      mean[i] = static_cast<std::uint8_t>((sum_[i] + count_ / 2) / count_);
+    }
+    return mean;
+  }
+
+ private:
+  std::vector<std::uint16_t> sum_;
+  int count_ = 0;
+};
+
+tl::expected<std::vector<std::uint8_t>, ScanStop> mean_frame(FrameFeed& feed, Clock& clock) {
+  MeanFrame mean;
+  const std::int64_t dark_since_ns = clock.now_ns();
+  while (mean.count() < kBackgroundFrames) {
+    auto frame = feed.next_after(dark_since_ns);
+    if (!frame) return tl::make_unexpected(frame.error());
+    if (auto added = mean.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
+    const AngleAtInstant standing{feed.status().angle_rad, 0, 0};
+    if (auto kept = feed.keep(*frame, standing, FrameUse::background); !kept) return tl::make_unexpected(kept.error());
+  }
+  return mean.mean();
 }
 
 struct Brightness {
@@ -54,6 +76,32 @@ Brightness brightness_of(const std::vector<LineRow>& rows) {
   return b;
 }
 
+/// What the line on the object as it stands says of the scan to come.
+tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const Brightness& brightness,
+                                   const FrameInfo& seen, double angle_rad, const ScanVolume& volume,
+                                   const Triangulator& triangulator, ScanPreparation& preparation) {
+  if (2 * brightness.saturated > brightness.lines) {
+    preparation.warnings.push_back(std::to_string(brightness.saturated) + " of " + std::to_string(brightness.lines) +
+                                   " rows are saturated, which widens the line; a shorter exposure than " +
+                                   std::to_string(seen.exposure_ns / 1000) + " us measures better.");
+  }
+  Profile profile;
+  const AngleAtInstant standing{angle_rad, 0, 0};
+  triangulator.triangulate(
+      rows, seen, [&](std::int64_t) { return standing; }, profile);
+  if (profile.size() == 0) {
+    return failed("The laser line is seen, but none of it lies in the volume of the scanner (r " +
+                  std::to_string(volume.r_min_mm) + " .. " + std::to_string(volume.r_max_mm) + " mm, z " +
+                  std::to_string(volume.z_min_mm) + " .. " + std::to_string(volume.z_max_mm) +
+                  " mm); place the object over the middle of the table, or check calibration and volume.");
+  }
+  const auto [low, high] = std::minmax_element(profile.z_mm.begin(), profile.z_mm.end());
+  preparation.z_low_mm = *low;
+  preparation.z_high_mm = *high;
+  preparation.samples = profile.size();
+  return {};
+}
+
 std::string seconds(std::int64_t ns) {
   char text[32];
   std::snprintf(text, sizeof text, "%.1f s", static_cast<double>(ns) / 1e9);
@@ -64,7 +112,7 @@ std::string seconds(std::int64_t ns) {
 
 tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanRequest& request,
                                                ScanObserver& observer) {
-  ScannerDevice& device = equipment.device;
+  ScannerDevice& device = *equipment.device;
   auto status = device.poll();
   if (!status) return tl::make_unexpected(stop_of(status.error()));
   observer.on_status(*status);
@@ -113,8 +161,8 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     seen = frame->info;
     extractor.extract(mode, frame->bytes(), preparation.background, rows);
     const Brightness now = brightness_of(rows);
-    const bool kept = now.lines > 0 && std::abs(now.amplitude - last.amplitude) <= kSteady * now.amplitude;
-    steady = kept ? steady + 1 : 0;
+    const bool unchanged = now.lines > 0 && std::abs(now.amplitude - last.amplitude) <= kSteady * now.amplitude;
+    steady = unchanged ? steady + 1 : 0;
     last = now;
     const std::int64_t waited_ns = equipment.clock.now_ns() - feed.shining_since_ns();
     if (now.lines == 0 && waited_ns > kLineLimit_ns) {
@@ -128,28 +176,52 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
       break;
     }
     preparation.warm_up_ns = waited_ns;
+    if (steady == kSteadyFrames) {
+      const AngleAtInstant standing{feed.status().angle_rad, 0, 0};
+      if (auto kept = feed.keep(*frame, standing, FrameUse::look); !kept) return tl::make_unexpected(kept.error());
+    }
   }
-  if (2 * last.saturated > last.lines) {
-    preparation.warnings.push_back(std::to_string(last.saturated) + " of " + std::to_string(last.lines) +
-                                   " rows are saturated, which widens the line; a shorter exposure than " +
-                                   std::to_string(seen.exposure_ns / 1000) + " us measures better.");
+  if (auto learned = learn(rows, last, seen, feed.status().angle_rad, equipment.volume, triangulator, preparation);
+      !learned) {
+    return tl::make_unexpected(learned.error());
   }
+  return preparation;
+}
 
-  Profile profile;
-  const AngleAtInstant standing{feed.status().angle_rad, 0, 0};
-  triangulator.triangulate(
-      rows, seen, [&](std::int64_t) { return standing; }, profile);
-  if (profile.size() == 0) {
-    return failed("The laser line is seen, but none of it lies in the volume of the scanner (r " +
-                  std::to_string(equipment.volume.r_min_mm) + " .. " + std::to_string(equipment.volume.r_max_mm) +
-                  " mm, z " + std::to_string(equipment.volume.z_min_mm) + " .. " +
-                  std::to_string(equipment.volume.z_max_mm) +
-                  " mm); place the object over the middle of the table, or check calibration and volume.");
+tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment, LaserLineExtractor& extractor,
+                                                          const Triangulator& triangulator) {
+  FrameSource& camera = equipment.camera;
+  ScanPreparation preparation;
+  MeanFrame dark;
+  Frame look;
+  // The look is the last one before the turn, or the turn's first frame.
+  while (!look || look.info.use == FrameUse::look) {
+    auto frame = camera.next(0);
+    if (!frame && frame.error().kind == CameraError::Kind::end_of_stream) break;
+    if (!frame) return tl::make_unexpected(stop_of(frame.error()));
+    if (frame->info.use == FrameUse::background) {
+      if (dark.count() == kBackgroundFrames) continue;
+      if (auto added = dark.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
+    } else if (!look || frame->info.use == FrameUse::look) {
+      look = std::move(*frame);
+    } else {
+      break;
+    }
   }
-  const auto [low, high] = std::minmax_element(profile.z_mm.begin(), profile.z_mm.end());
-  preparation.z_low_mm = *low;
-  preparation.z_high_mm = *high;
-  preparation.samples = profile.size();
+  if (!look) return failed("The recording has no frame with the laser on; record again.");
+  preparation.background = dark.mean();
+  std::vector<LineRow> rows(static_cast<std::size_t>(camera.mode().height_px));
+  extractor.extract(camera.mode(), look.bytes(), preparation.background, rows);
+  const Brightness brightness = brightness_of(rows);
+  if (brightness.lines == 0) {
+    return failed("No laser line is seen in frame " + std::to_string(look.info.sequence) +
+                  " of the recording; record again with the laser on the object.");
+  }
+  if (auto learned =
+          learn(rows, brightness, look.info, look.info.table_angle_rad, equipment.volume, triangulator, preparation);
+      !learned) {
+    return tl::make_unexpected(learned.error());
+  }
   return preparation;
 }
 

@@ -22,11 +22,16 @@ struct ScanPreparation {
   std::vector<std::string> warnings;
 };
 
-/// Device only: checks interlock and faults, lasers off, homes if needed, sets the exposure.
+/// Of a machine: checks interlock and faults, lasers off, homes if needed, sets the exposure.
 tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanRequest& request,
                                                ScanObserver& observer);
 /// Background with the laser off, then the laser on until its line is steady. Leaves the laser on.
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
                                                        LaserLineExtractor& extractor, const Triangulator& triangulator);
+
+/// The same of a recording, whose camera streams: background from its frames with the laser off before the turn (none:
+/// empty), the object from its last look, else from the first frame of the turn.
+tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment, LaserLineExtractor& extractor,
+                                                          const Triangulator& triangulator);
 
 }  // namespace celadon

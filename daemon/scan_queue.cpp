@@ -159,8 +159,7 @@ void ScanQueue::own_machine() {
   }
   if (connection_) {
     show_lamp(LampPattern::off);
-    const SafeReport report = connection_->device->make_safe();
-    spdlog::info("machine made safe: {}", report.text);
+    if (connection_->device) spdlog::info("machine made safe: {}", connection_->device->make_safe().text);
     connection_.reset();
   }
 }
@@ -168,20 +167,26 @@ void ScanQueue::own_machine() {
 void ScanQueue::connect() {
   auto connection = connect_();
   if (connection) {
-    const DeviceIdentity& identity = connection->device->identity();
-    spdlog::info("connected to {} at {}, camera {} at {}{}", identity.machine, options_.device_url,
-                 connection->camera->mode().identity, options_.camera_url, identity.simulated ? " (simulated)" : "");
-    if (!connection->device->found_at_open().text.empty()) spdlog::info("{}", connection->device->found_at_open().text);
     connection_ = std::move(*connection);
+    const std::string machine = connection_->device ? connection_->device->identity().machine : calibration_.machine;
+    const bool simulated = is_simulated(*connection_);
+    if (connection_->device) {
+      spdlog::info("connected to {} at {}, camera {} at {}{}", machine, options_.device_url,
+                   connection_->camera->mode().identity, options_.camera_url, simulated ? " (simulated)" : "");
+      if (const auto& found = connection_->device->found_at_open().text; !found.empty()) spdlog::info("{}", found);
+      connection_->device->take_button_presses();
+    } else {
+      spdlog::info("recording of {} at {}{}", connection_->camera->mode().identity, options_.camera_url,
+                   simulated ? " (simulated)" : "");
+    }
     retry_ = options_.first_retry;
     lamp_ = LampPattern::off;
     result_lamp_.reset();
-    connection_->device->take_button_presses();
     was_locked_ = false;
     const MutexLock lock(mutex_);
     machine_.connected = true;
-    machine_.machine = identity.machine;
-    machine_.simulated = identity.simulated;
+    machine_.machine = machine;
+    machine_.simulated = simulated;
     machine_.error.clear();
     first_attempt_done_ = true;
     wake_.notify_all();
@@ -206,6 +211,7 @@ void ScanQueue::connect() {
 
 /// One look at the machine while no scan runs: heartbeat, state for the clients, the button.
 void ScanQueue::watch_machine() {
+  if (!connection_->device) return;
   auto status = connection_->device->poll();
   if (!status) {
     const auto kind = status.error().kind;
@@ -242,12 +248,13 @@ void ScanQueue::run(std::uint64_t id) {
     task.date = record.created;
     task.log_file = store_.log_file(id);
     task.results_folder = store_.results_folder(id);
+    if (!options_.recordings.empty()) task.recording_folder = options_.recordings / std::to_string(id);
   }
-  const bool simulated = connection_->device->identity().simulated || connection_->camera->mode().simulated;
+  const bool simulated = is_simulated(*connection_);
   change(id, false, [&](ScanRecord& record) { record.simulated = simulated; });
   Observer observer(*this, id);
-  const ScanEquipment equipment{*connection_->device, *connection_->camera,     *connection_->clock,
-                                calibration_,         connection_->truth.get(), options_.volume};
+  const ScanEquipment equipment{connection_->device.get(), *connection_->camera, *connection_->clock, calibration_,
+                                connection_->truth.get(),  options_.volume};
   auto outcome = run_scan(equipment, task, observer);
 
   const ScanState state = outcome ? ScanState::done : outcome.error().state;
@@ -301,7 +308,7 @@ void ScanQueue::lose_connection(const std::string& reason) {
 }
 
 void ScanQueue::show_lamp(LampPattern pattern) {
-  if (pattern == lamp_) return;
+  if (pattern == lamp_ || !connection_->device) return;
   // A lamp that fails is no reason to stop; a lost link shows at the next poll.
   if (connection_->device->set_lamp(pattern)) lamp_ = pattern;
 }

@@ -23,6 +23,7 @@ struct ScanQueueOptions {
   std::string device_url, camera_url;  ///< as shown to clients
   ScanRequest button_request;          ///< what a press starts
   ScanVolume volume;
+  std::filesystem::path recordings = {};  ///< folder for the frames of each scan; empty: they are not kept
   std::size_t longest_queue = 100;
   std::chrono::nanoseconds poll_period = std::chrono::milliseconds(50);   ///< idle; real time
   std::chrono::nanoseconds first_retry = std::chrono::milliseconds(500);  ///< of a connection; doubles up to

@@ -34,6 +34,15 @@ tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string&
     if ((*control)->lock_step()) connection.clock = std::make_unique<SimClock>(std::move(*control));
   }
 
+  if (device_url.empty()) {
+    auto recording = open_frame_source(camera_url);
+    if (!recording) return failed(recording.error().message, true);
+    connection.camera = std::move(*recording);
+    const CameraMode& mode = connection.camera->mode();
+    auto checked = check_calibration(calibration, calibration.machine, mode.identity, mode.width_px, mode.height_px);
+    if (!checked) return failed(checked.error().message, true);
+    return connection;
+  }
   auto transport = open_transport(device_url);
   if (!transport) return failed(transport.error().message(), cannot_help(transport.error()));
   auto device = ScannerDevice::open(std::move(*transport), *connection.clock);

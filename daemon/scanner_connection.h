@@ -17,10 +17,14 @@ namespace celadon {
 /// The one owner of machine and camera. Members close in the order that keeps borrowed ones alive.
 struct ScannerConnection {
   std::unique_ptr<Clock> clock;
-  std::unique_ptr<TruthSource> truth;  ///< simulators only
-  std::unique_ptr<ScannerDevice> device;
+  std::unique_ptr<TruthSource> truth;     ///< simulators only
+  std::unique_ptr<ScannerDevice> device;  ///< none with a recording
   std::unique_ptr<FrameSource> camera;
 };
+
+inline bool is_simulated(const ScannerConnection& connection) {
+  return (connection.device && connection.device->identity().simulated) || connection.camera->mode().simulated;
+}
 
 /// Why there is no connection: one sentence. `wrong_configuration`: trying again cannot help (calibration of another
 /// machine, another protocol version, an address that makes no sense).
@@ -29,7 +33,8 @@ struct ConnectError {
   bool wrong_configuration = false;
 };
 
-/// Opens everything. The clock is the simulator's when the camera is "sim:FOLDER" in lock-step.
+/// Opens everything; of a recording ("replay:FOLDER") the camera alone. The clock is the simulator's when the camera is
+/// "sim:FOLDER" in lock-step.
 tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
                                                               const std::string& camera_url,
                                                               const Calibration& calibration);

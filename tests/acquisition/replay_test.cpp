@@ -79,7 +79,7 @@ TEST_F(Recording, plays_back_bit_for_bit_what_was_recorded) {
     const std::size_t row_bytes = 66 * bytes_per_pixel(format);
     std::vector<std::vector<std::uint8_t>> sent;
     Lender lender;
-    RecordingWriter writer(folder_, mode);
+    RecordingWriter writer(folder_, mode, {.date = "2026-02-03T04:05:06Z", .mode = "sweep", .profiles = 5});
     for (int i = 0; i < 5; ++i) {
       std::vector<std::uint8_t> bytes(160 * 20);
       for (auto& b : bytes) b = static_cast<std::uint8_t>(random());
@@ -87,7 +87,11 @@ TEST_F(Recording, plays_back_bit_for_bit_what_was_recorded) {
       info.stamp_ns = 1'000'000 * i * i + 12345;
       info.exposure_ns = 7000 + i;
       const Frame frame(&lender, 0, bytes, info);
-      ASSERT_TRUE(writer.append(frame, 0.1 * i, i % 2 == 0));
+      const AngleAtInstant angle{0.1 * i, 1e-5 / 3 * i, 0.7 / 3};
+      ASSERT_TRUE(writer.append(frame, angle,
+                                i % 2 != 0 ? FrameUse::background
+                                : i == 4   ? FrameUse::overlap
+                                           : FrameUse::turn));
       sent.push_back(bytes);
     }
     ASSERT_TRUE(writer.finish());
@@ -103,6 +107,10 @@ TEST_F(Recording, plays_back_bit_for_bit_what_was_recorded) {
     EXPECT_EQ((*source)->mode().identity, mode.identity);
     EXPECT_TRUE((*source)->mode().simulated);
     EXPECT_EQ((*source)->mode().frame_period_ns, 4'000'000);
+    ASSERT_NE((*source)->recorded(), nullptr);
+    EXPECT_EQ((*source)->recorded()->date, "2026-02-03T04:05:06Z");
+    EXPECT_EQ((*source)->recorded()->mode, "sweep");
+    EXPECT_EQ((*source)->recorded()->profiles, 5);
     EXPECT_EQ((*source)->next(0).error().kind, CameraError::Kind::unsupported);
     for (int pass = 0; pass < 2; ++pass) {
       ASSERT_TRUE((*source)->start());
@@ -115,8 +123,11 @@ TEST_F(Recording, plays_back_bit_for_bit_what_was_recorded) {
         EXPECT_EQ(frame->info.stamp_ns, static_cast<std::int64_t>(1'000'000 * i * i + 12345));
         EXPECT_EQ(frame->info.exposure_ns, static_cast<std::int64_t>(7000 + i));
         EXPECT_TRUE(frame->info.has_table_angle);
-        EXPECT_NEAR(frame->info.table_angle_rad, 0.1 * static_cast<double>(i), 1e-15);
+        EXPECT_EQ(frame->info.table_angle_rad, 0.1 * static_cast<int>(i));
+        EXPECT_EQ(frame->info.table_angle_sigma_rad, 1e-5 / 3 * static_cast<int>(i));
+        EXPECT_EQ(frame->info.table_speed_rad_per_s, 0.7 / 3);
         EXPECT_EQ(frame->info.laser_on, i % 2 == 0);
+        EXPECT_EQ(frame->info.use, i % 2 != 0 ? FrameUse::background : i == 4 ? FrameUse::overlap : FrameUse::turn);
         held.push_back(std::move(*frame));
       }
       for (std::size_t i = 0; i < 5; ++i) {
@@ -179,7 +190,24 @@ TEST_F(Recording, a_broken_index_is_refused_with_its_line) {
   write_index("a.pgm,0,0,0,1,new\n", "camera,T\n");
   EXPECT_THAT(refusal(), HasSubstr("6 fields"));
   write("index.csv",
-        "celadon-recording,1.3\ncamera,T\nfps,3\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\na.pgm,0,0,0,1,new\n");
+        "celadon-recording,1.3\ncamera,T\nfps,3\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\na.pgm,0,0,0,1,turn,0,"
+        "0,0,new\n");
+  EXPECT_TRUE(open_frame_source(url()));
+}
+
+TEST_F(Recording, what_a_frame_was_for_is_checked) {
+  write("a.pgm", "P5\n2 1\n255\nab");
+  const auto with = [&](const std::string& line) {
+    write("index.csv",
+          "celadon-recording,1.1\ncamera,T\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\n" + line + "\n");
+  };
+  for (const char* bad : {"a.pgm,0,0,0,1,new,0,0,0", "a.pgm,0,0,0,0,turn,0,0,0", "a.pgm,0,0,0,1,background,0,0,0",
+                          "a.pgm,180,0,0,1,turn,3.2,0,0", "a.pgm,0,0,0,1,turn,0,-1,0", "a.pgm,0,0,0,1,turn,0,0,nan",
+                          "a.pgm,0,0,0,1,turn,0,0", "a.pgm,0,0,0,1,turn,0,0,0,0"}) {
+    with(bad);
+    EXPECT_THAT(refusal(), HasSubstr("index.csv, line 4")) << bad;
+  }
+  with("a.pgm,180,0,0,1,overlap,3.141592653589793,1e-5,0.5");
   EXPECT_TRUE(open_frame_source(url()));
 }
 
@@ -234,13 +262,19 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
   index.simulated = *rc::gen::arbitrary<bool>();
   index.shutter = *rc::gen::element(Shutter::global, Shutter::rolling);
   index.colour = *rc::gen::element(ColourChannel::red, ColourChannel::green, ColourChannel::luma);
+  index.scan.mode = *rc::gen::element<std::string>("", "step", "sweep");
+  index.scan.date = *rc::gen::element<std::string>("", "2026-02-03T04:05:06Z");
+  index.scan.profiles = *rc::gen::inRange(0, 100000);
   std::int64_t stamp = *rc::gen::inRange<std::int64_t>(-1000, 1000);
   for (int i = 0; i < *rc::gen::inRange(1, 20); ++i) {
-    index.frames.push_back({.file = std::to_string(i).append(".pgm"),
-                            .table_angle_rad = *rc::gen::inRange(-1000000, 1000000) * 1e-3,
-                            .stamp_ns = stamp,
-                            .exposure_ns = *rc::gen::inRange<std::int64_t>(0, INT64_MAX),
-                            .laser_on = *rc::gen::arbitrary<bool>()});
+    index.frames.push_back(
+        {.file = std::to_string(i).append(".pgm"),
+         .table_angle_rad = *rc::gen::inRange(-1000000, 1000000) * 1e-3,
+         .table_angle_sigma_rad = *rc::gen::inRange(0, 1000) / 3e7,
+         .table_speed_rad_per_s = *rc::gen::inRange(-1000, 1000) / 3e2,
+         .stamp_ns = stamp,
+         .exposure_ns = *rc::gen::inRange<std::int64_t>(0, INT64_MAX),
+         .use = *rc::gen::element(FrameUse::background, FrameUse::look, FrameUse::turn, FrameUse::overlap)});
     stamp += *rc::gen::inRange<std::int64_t>(1, 1'000'000'000'000);
   }
   const auto parsed = parse_recording_index(format_recording_index(index), "x");
@@ -249,14 +283,19 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
   RC_ASSERT(parsed->simulated == index.simulated);
   RC_ASSERT(parsed->shutter == index.shutter);
   RC_ASSERT(parsed->colour == index.colour);
+  RC_ASSERT(parsed->scan.mode == index.scan.mode);
+  RC_ASSERT(parsed->scan.date == index.scan.date);
+  RC_ASSERT(parsed->scan.profiles == index.scan.profiles);
   RC_ASSERT(parsed->frames.size() == index.frames.size());
   for (std::size_t i = 0; i < index.frames.size(); ++i) {
     const RecordedFrame &a = parsed->frames[i], &b = index.frames[i];
     RC_ASSERT(a.file == b.file);
     RC_ASSERT(a.stamp_ns == b.stamp_ns);
     RC_ASSERT(a.exposure_ns == b.exposure_ns);
-    RC_ASSERT(a.laser_on == b.laser_on);
-    RC_ASSERT(std::abs(a.table_angle_rad - b.table_angle_rad) <= 4e-16 * std::abs(b.table_angle_rad));
+    RC_ASSERT(a.use == b.use);
+    RC_ASSERT(a.table_angle_rad == b.table_angle_rad);
+    RC_ASSERT(a.table_angle_sigma_rad == b.table_angle_sigma_rad);
+    RC_ASSERT(a.table_speed_rad_per_s == b.table_speed_rad_per_s);
   }
 }
 

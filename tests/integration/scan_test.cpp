@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <csignal>
+#include <cstring>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
@@ -21,6 +22,26 @@ using nlohmann::json;
 void wait_for_frames(Program& watch) {
   const std::string scanning = "\"state\":\"scanning\"";
   ASSERT_TRUE(watch.wait_for_output(scanning)) << watch.wait().err;
+}
+
+// Payloads of the profiles (types 3 and 4) in the first scan's log of a store (daemon/PROFILE_LOG.md).
+std::string profiles_of(const fs::path& store) {
+  std::string profiles;
+  for (const auto& entry : fs::recursive_directory_iterator(store)) {
+    if (entry.path().filename() != "profiles.log") continue;
+    const std::string log = read_file(entry.path());
+    const auto u32 = [&](std::size_t at) {
+      std::uint32_t value = 0;
+      std::memcpy(&value, log.data() + at, sizeof value);
+      return value;
+    };
+    for (std::size_t at = 16; at + 24 <= log.size();) {
+      const std::uint32_t type = u32(at + 4) & 0xffff, length = u32(at + 8);
+      if (type == 3 || type == 4) profiles += log.substr(at + 24, length);
+      at += 24 + (length + 7) / 8 * 8;
+    }
+  }
+  return profiles;
 }
 
 TEST(Scan, VaseBecomesARevolutionSolidCloseToTheTruth) {
@@ -130,6 +151,47 @@ TEST(Scan, SameSeedGivesTheSameSurface) {
   const json a = json::parse(read_file(folder / "a" / "surface.json")),
              b = json::parse(read_file(folder / "b" / "surface.json"));
   EXPECT_EQ(a["surface"], b["surface"]);
+}
+
+// Samples and files of a recorded scan are those of the scan itself, to the last bit: same pixels, same background,
+// same angle for each frame; the date is the scan's.
+TEST(Replay, GivesTheBytesOfTheRecordedScan) {
+  for (const char* shutter : {"global", "rolling"}) {
+    for (const char* mode : {"sweep", "step"}) {
+      Station station("vase", {"--width", "640", "--height", "512", "--shutter", shutter});
+      station.start_daemon({"--record", station.folder / "frames"});
+      const std::vector<std::string> request = {"--profiles", "48", "--mode", mode, "--name", "vase"};
+      const auto scan = [&](const std::string& out) {
+        std::vector<std::string> command = {"celadon",        "scan", "--server",
+                                            station.server(), "-o",   station.folder / out};
+        command.insert(command.end(), request.begin(), request.end());
+        const auto outcome = run(command);
+        ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+      };
+      scan("live");
+      station.daemon->signal(SIGTERM);
+      ASSERT_EQ(station.daemon->wait().exit_code, 0);
+      // No machine is left: what follows comes from the files.
+      station.simulator->signal(SIGTERM);
+      station.simulator->wait();
+
+      station.daemon = std::make_unique<Program>(std::vector<std::string>{
+          "celadond", "--camera", "replay:" + (station.folder / "frames" / "1").string(), "--calibration",
+          station.folder / "calibration.toml", "--store", station.folder / "again", "--http", "0", "--unix-socket",
+          station.folder / "api.sock"});
+      ASSERT_TRUE(station.daemon->wait_for_output("\n")) << station.daemon->wait().err;
+      scan("replayed");
+      for (const char* file : {"vase.step", "vase.stl", "vase.ply", "surface.json"}) {
+        const std::string live = read_file(station.folder / "live" / file);
+        EXPECT_FALSE(live.empty());
+        EXPECT_TRUE(live == read_file(station.folder / "replayed" / file)) << file << ", " << mode << ", " << shutter;
+      }
+      const std::string live = profiles_of(station.folder / "store"), again = profiles_of(station.folder / "again");
+      EXPECT_GT(live.size(), 48u * 100 * 24);
+      EXPECT_TRUE(live == again) << mode << ", " << shutter;
+      EXPECT_EQ(json::parse(read_file(station.folder / "replayed" / "report.json"))["simulated"], true);
+    }
+  }
 }
 
 TEST(Daemon, AbsentDeviceAndForeignCalibrationAreNamed) {
