@@ -119,7 +119,7 @@ void scan(DrawnFrames& frames, int profiles, const char* label) {
   task.results_folder = folder / "results";
   Watcher watcher;
   const auto outcome =
-      run_scan({*connection->device, camera, *connection->clock, calibration, nullptr, {}}, task, watcher);
+      run_scan({connection->device.get(), camera, *connection->clock, calibration, nullptr, {}}, task, watcher);
   if (!outcome) {
     std::fprintf(stderr, "path_bench: the scan failed: %s\n", outcome.error().reason.c_str());
     std::exit(1);

@@ -55,7 +55,7 @@ Outcome scan(FakeMachine& machine, const TemporaryFolder& folder, ScanMode mode,
   task.log_file = folder / "profiles.log";
   task.results_folder = folder / "results";
   CancelAt observer(cancel_at);
-  auto outcome = run_scan({*connection->device, *connection->camera, *connection->clock, calibration, nullptr, {}},
+  auto outcome = run_scan({connection->device.get(), *connection->camera, *connection->clock, calibration, nullptr, {}},
                           task, observer);
   return {std::move(outcome), observer.asked(), observer.progress()};
 }
