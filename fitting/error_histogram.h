@@ -2,6 +2,7 @@
 // RMS, 95th percentile and maximum of a stream of errors, in constant memory.
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -9,17 +10,16 @@
 
 namespace celadon {
 
-/// Quantiles of absolute values to one part in 2^(1/256), from 1e-18 to 1e6.
+/// Quantiles of absolute values to one part in 512 or better, from 2^-60 to 2^20; what is smaller counts as zero.
 class ErrorHistogram {
  public:
-  ErrorHistogram() : bins_(static_cast<std::size_t>((kHigh - kLow) * kPerOctave) + 1) {}
+  ErrorHistogram() : bins_(bin_of(kHigh) + 1) {}
   void add(double error) {
     const double size = std::abs(error);
     square_ += size * size;
     largest_ = std::max(largest_, size);
     ++count_;
-    const double at = size > 0 ? (std::log2(size) - kLow) * kPerOctave : 0;
-    ++bins_[static_cast<std::size_t>(std::clamp(at, 0.0, static_cast<double>(bins_.size() - 1)))];
+    ++bins_[bin_of(std::min(size, kHigh))];
   }
   std::size_t count() const { return count_; }
   double rms() const { return count_ ? std::sqrt(square_ / static_cast<double>(count_)) : 0; }
@@ -30,14 +30,22 @@ class ErrorHistogram {
     std::size_t below = 0;
     for (std::size_t k = 0; k < bins_.size(); ++k) {
       below += bins_[k];
-      if (below >= wanted && below > 0)
-        return k == 0 ? 0 : std::min(largest_, std::exp2((static_cast<double>(k) + 0.5) / kPerOctave + kLow));
+      if (below >= wanted && below > 0) return k == 0 ? 0 : std::min(largest_, middle_of(k));
     }
     return largest_;
   }
 
  private:
-  static constexpr double kLow = -60, kHigh = 20, kPerOctave = 256;
+  // The exponent and the first eight bits behind the point: 256 bins an octave.
+  static constexpr int kShift = 44;
+  static constexpr double kLow = 0x1p-60, kHigh = 0x1p20;
+  static std::size_t bin_of(double size) {
+    return size >= kLow ? ((std::bit_cast<std::uint64_t>(size) - std::bit_cast<std::uint64_t>(kLow)) >> kShift) + 1 : 0;
+  }
+  static double middle_of(std::size_t bin) {
+    return std::bit_cast<double>(std::bit_cast<std::uint64_t>(kLow) + ((bin - 1) << kShift) +
+                                 (std::uint64_t{1} << (kShift - 1)));
+  }
   std::vector<std::uint32_t> bins_;
   std::size_t count_ = 0;
   double square_ = 0, largest_ = 0;

@@ -28,6 +28,10 @@ class IntervalBasis {
     while (t >= at[1] && at != begin_of_last()) ++at;
     return static_cast<int>(at - breaks_.data());
   }
+  int intervals() const { return static_cast<int>(first_.size()); }
+  double start(int interval) const { return breaks_[static_cast<std::size_t>(interval)]; }
+  /// 2/(end - start): local = (t - start) scale - 1.
+  double scale(int interval) const { return scale_[static_cast<std::size_t>(interval)]; }
   /// Index of the first of the functions of an interval.
   int first(int interval) const { return first_[static_cast<std::size_t>(interval)]; }
   /// Local coordinate s in [-1, 1] of t on an interval.

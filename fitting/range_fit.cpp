@@ -154,21 +154,20 @@ Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const FirstLook&
     result.extents.emplace(sums);
   }
   const double scale = first.robust.scale_mm(), low = function.base().z_start_mm, high = function.base().z_end_mm;
-  RangeSlopes slopes(function);
-  std::vector<double> residual, weight, r_theta, r_z;
+  const CellPolynomials polynomials(function);
+  Residuals to_function;
+  std::vector<double> weight;
   for (ResidualPass pass(profiles, sums.arcs()); const Profile* p = pass.next();) {
     const std::size_t n = p->size();
-    pass.residuals(function, residual);
+    const bool by_covariance = reweight && !p->covariance.empty();
+    pass.compare(polynomials, to_function, by_covariance);
+    auto& residual = to_function.residual;
     weight.assign(n, 0.0);
-    if (!p->covariance.empty() && reweight) {
-      r_theta.resize(n), r_z.resize(n);
-      slopes.evaluate(p->theta_rad.data(), pass.v().data(), p->z_mm.data(), n, r_theta.data(), r_z.data());
-    }
     for (std::size_t k = 0; k < n; ++k) {
       if (pass.usable(k, low, high)) {
         weight[k] = reject ? first.robust.verdict(pass.v()[k], p->z_mm[k], p->r_mm[k], residual[k]).weight : 1;
-        if (weight[k] > 0 && reweight && !p->covariance.empty()) {
-          const double variance = residual_variance(p->covariance[k], r_theta[k], r_z[k]);
+        if (weight[k] > 0 && by_covariance) {
+          const double variance = residual_variance(p->covariance[k], to_function.r_theta[k], to_function.r_z[k]);
           if (variance > 0) weight[k] *= scale * scale / variance;
         }
       }
@@ -194,22 +193,21 @@ Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const FirstLook&
 void measure(RangeFit& fit, const MomentGrid& sums, ProfileStream& profiles, const FirstLook& first, bool reject) {
   RangeFitReport& report = fit.report;
   ErrorHistogram along_ray, geometric;
-  RangeSlopes slopes(fit.function);
+  const CellPolynomials polynomials(fit.function);
+  const auto reference = reject ? std::optional<CellPolynomials>(first.robust.function()) : std::nullopt;
   const auto& grid = sums.specification();
   const double low = fit.function.base().z_start_mm, high = fit.function.base().z_end_mm;
   std::size_t cut = 0;
-  std::vector<double> residual, to_reference, r_theta, r_z;
+  Residuals to_surface, to_reference;
   for (ResidualPass pass(profiles, sums.arcs()); const Profile* p = pass.next();) {
     const std::size_t n = p->size();
-    pass.residuals(fit.function, residual);
-    if (reject) pass.residuals(first.robust.function(), to_reference);
-    r_theta.resize(n), r_z.resize(n);
-    slopes.evaluate(p->theta_rad.data(), pass.v().data(), p->z_mm.data(), n, r_theta.data(), r_z.data());
+    pass.compare(polynomials, to_surface, true);
+    if (reject) pass.compare(*reference, to_reference, false);
     for (std::size_t k = 0; k < n; ++k) {
       const double z = p->z_mm[k];
       if (!pass.usable(k, grid.z_start_mm, grid.z_end_mm)) continue;
       if (reject) {
-        const auto verdict = first.robust.verdict(pass.v()[k], z, p->r_mm[k], to_reference[k]);
+        const auto verdict = first.robust.verdict(pass.v()[k], z, p->r_mm[k], to_reference.residual[k]);
         report.unfollowable += verdict.kind == RobustReference::Kind::unfollowable;
         if (verdict.kind != RobustReference::Kind::good) continue;
       }
@@ -217,9 +215,10 @@ void measure(RangeFit& fit, const MomentGrid& sums, ProfileStream& profiles, con
         ++cut;
         continue;
       }
-      const double around = r_theta[k] / (p->r_mm[k] - residual[k]);
-      along_ray.add(residual[k]);
-      geometric.add(residual[k] / std::sqrt(1 + r_z[k] * r_z[k] + around * around));
+      const double residual = to_surface.residual[k], r_z = to_surface.r_z[k];
+      const double around = to_surface.r_theta[k] / to_surface.r[k];
+      along_ray.add(residual);
+      geometric.add(residual / std::sqrt(1 + r_z * r_z + around * around));
     }
   }
   report.rejected = report.points - along_ray.count() - cut - report.unfollowable;
