@@ -2,6 +2,9 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
+#include <utility>
+
+#include "fitting/dense_product.h"
 
 namespace celadon {
 namespace {
@@ -10,7 +13,7 @@ namespace {
 Eigen::MatrixXd block(const StencilMatrix& a, bool outer_is_v, int row, int column) {
   const int nu = a.count_u(), nv = a.count_v(), band = a.band_u();
   if (outer_is_v) {
-    Eigen::MatrixXd m = Eigen::MatrixXd::Zero(nu, nu);
+    Eigen::MatrixXd m = Eigen::MatrixXd::Zero(padded_rows(nu), nu);
     for (int o = 0; o < a.planes_v(); ++o) {
       if (a.neighbour(row, o) != column) continue;
       for (int du = -band; du <= band; ++du)
@@ -18,7 +21,7 @@ Eigen::MatrixXd block(const StencilMatrix& a, bool outer_is_v, int row, int colu
     }
     return m;
   }
-  Eigen::MatrixXd m = Eigen::MatrixXd::Zero(nv, nv);
+  Eigen::MatrixXd m = Eigen::MatrixXd::Zero(padded_rows(nv), nv);
   const int du = column - row;
   if (du < -band || du > band) return m;
   for (int o = 0; o < a.planes_v(); ++o)
@@ -48,14 +51,18 @@ BlockCholesky::BlockCholesky(const StencilMatrix& matrix) : matrix_(matrix) {
   for (int k = 0; k < outer_; ++k) {
     auto& column = blocks_[static_cast<std::size_t>(k)];
     const auto& rows = rows_[static_cast<std::size_t>(k)];
-    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(column[0]);
+    const Eigen::LLT<Eigen::MatrixXd> factor(column[0].topRows(inner_));
     if (factor.info() != Eigen::Success) return;
-    const Eigen::MatrixXd& diagonal = column[0];
-    for (std::size_t a = 1; a < column.size(); ++a)
-      diagonal.triangularView<Eigen::Lower>().transpose().solveInPlace<Eigen::OnTheRight>(column[a]);
+    column[0].setZero();
+    column[0].topRows(inner_) = factor.matrixL().solve(Eigen::MatrixXd::Identity(inner_, inner_));
+    for (std::size_t a = 1; a < column.size(); ++a) {
+      Eigen::MatrixXd below = Eigen::MatrixXd::Zero(column[a].rows(), inner_);
+      add_transposed_product(1, column[a], column[0], below);
+      column[a] = std::move(below);
+    }
     for (std::size_t a = 1; a < column.size(); ++a)
       for (std::size_t b = a; b < column.size(); ++b)
-        find(rows[b], rows[a])->noalias() -= column[b] * column[a].transpose();
+        add_transposed_product(-1, column[b], column[a], *find(rows[b], rows[a]));
   }
   ok_ = true;
 }
@@ -77,16 +84,15 @@ void BlockCholesky::solve(const double* b, double* x) const {
   for (int k = 0; k < outer_; ++k) {
     const auto& column = blocks_[static_cast<std::size_t>(k)];
     const auto& rows = rows_[static_cast<std::size_t>(k)];
-    auto c = y.col(k);
-    column[0].triangularView<Eigen::Lower>().solveInPlace(c);
-    for (std::size_t a = 1; a < column.size(); ++a) y.col(rows[a]).noalias() -= column[a] * c;
+    y.col(k) = (column[0].topRows(inner_).triangularView<Eigen::Lower>() * y.col(k)).eval();
+    for (std::size_t a = 1; a < column.size(); ++a) y.col(rows[a]).noalias() -= column[a].topRows(inner_) * y.col(k);
   }
   for (int k = outer_ - 1; k >= 0; --k) {
     const auto& column = blocks_[static_cast<std::size_t>(k)];
     const auto& rows = rows_[static_cast<std::size_t>(k)];
-    auto c = y.col(k);
-    for (std::size_t a = 1; a < column.size(); ++a) c.noalias() -= column[a].transpose() * y.col(rows[a]);
-    column[0].triangularView<Eigen::Lower>().transpose().solveInPlace(c);
+    for (std::size_t a = 1; a < column.size(); ++a)
+      y.col(k).noalias() -= column[a].topRows(inner_).transpose() * y.col(rows[a]);
+    y.col(k) = (column[0].topRows(inner_).triangularView<Eigen::Lower>().transpose() * y.col(k)).eval();
   }
   std::fill(x, x + matrix_.field_size(), 0.0);
   for (int k = 0; k < outer_; ++k)

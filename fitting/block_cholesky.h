@@ -25,7 +25,7 @@ class BlockCholesky {
   bool outer_is_v_ = true, ok_ = false;
   int outer_ = 0, inner_ = 0;
   std::vector<std::vector<int>> rows_;                ///< block rows present in each block column, ascending
-  std::vector<std::vector<Eigen::MatrixXd>> blocks_;  ///< the factor's blocks in the same order
+  std::vector<std::vector<Eigen::MatrixXd>> blocks_;  ///< the factor's in the same order, padded; diagonal: inverses
 };
 
 }  // namespace celadon

@@ -6,10 +6,13 @@
 #include <cmath>
 #include <cstdint>
 
+#include "fitting/dense_product.h"
+
 namespace celadon {
 namespace {
 
-constexpr int kSmall = 320;  // unknowns up to which the direct factor is always the quicker way
+constexpr int kSmall = 320;    // unknowns up to which the direct factor is always the quicker way
+constexpr double kSparse = 8;  // and samples an unknown below which it is
 
 using MapMatrix = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>;
 
@@ -25,6 +28,27 @@ SmoothingBasis::Direction diagonalise(const GramMatrices& gram) {
   return {solver.eigenvectors(), solver.eigenvalues().cwiseMax(0).cwiseSqrt()};
 }
 
+// Gram matrices of each direction alone, weighted by all samples: the functions of the other one add up to 1.
+struct SampleGram {
+  Eigen::MatrixXd along_u, around_v;
+  explicit SampleGram(const StencilMatrix& a) {
+    const int nu = a.count_u(), nv = a.count_v(), band = a.band_u();
+    along_u.setZero(nu, nu);
+    around_v.setZero(nv, nv);
+    Eigen::ArrayXd over_v(nu);
+    for (int o = 0; o < a.planes_v(); ++o)
+      for (int d = -band; d <= band; ++d) {
+        over_v.setZero();
+        for (int j = 0; j < nv; ++j) {
+          const Eigen::Map<const Eigen::ArrayXd> entries(a.plane(o, d) + a.at(0, j), nu);
+          over_v += entries;
+          around_v(j, a.neighbour(j, o)) += entries.sum();
+        }
+        for (int i = std::max(0, -d); i < std::min(nu, nu - d); ++i) along_u(i, i + d) += over_v(i);
+      }
+  }
+};
+
 double dot(const AlignedVector<double>& a, const AlignedVector<double>& b) {
   using Vector = Eigen::Map<const Eigen::VectorXd>;
   const auto n = static_cast<Eigen::Index>(a.size());
@@ -33,23 +57,26 @@ double dot(const AlignedVector<double>& a, const AlignedVector<double>& b) {
 
 }  // namespace
 
-// (A + mu E)^-1 were the samples spread evenly: A = density Gu x Gv, inverted through the two Gram matrices. Without
-// smoothing each unknown is scaled by what the samples put on the diagonal; with it, both pairs (G, second derivatives)
-// are diagonalised, where the energy's eigenvalues are nearly (sqrt(a) + sqrt(b))^2.
+// (A + mu E)^-1 were the samples' density a product along z and around: A = Gu x Gv / weight. Without smoothing the
+// Gram matrices are the samples' own, and each unknown is scaled by what they put on the diagonal; with it, the density
+// is taken as even and both pairs (G, second derivatives) are diagonalised, where the energy's eigenvalues are nearly
+// (sqrt(a) + sqrt(b))^2.
 struct NormalSolver::Preconditioner {
-  Eigen::MatrixXd left_u, right_v;  // z = left_u * (D . (left_u' r right_v)) * right_v'  or  left_u * r * right_v
+  // z = left_u * (D . (left_u' r right_v)) * right_v' or left_u * r * right_v, all with padded rows
+  Eigen::MatrixXd left_u, left_u_transposed, right_v;
   Eigen::ArrayXXd scale;
-  bool spectral = false;
+  bool spectral = false, usable = true;
 
   Preconditioner(const NormalEquations& equations, SmoothingBasis& basis, double mu) {
     const StencilMatrix& a = equations.matrix();
-    const Eigen::MatrixXd &gu = basis.energy().along_u[0], &gv = basis.energy().along_v[0];
     scale.resize(a.count_u(), a.count_v());
     spectral = mu > 0;
     if (spectral) {
       const auto &u = basis.along_u(), &v = basis.around_v();
-      left_u = u.vectors;
+      left_u = with_padded_rows(u.vectors);
+      left_u_transposed = with_padded_rows(u.vectors.transpose());
       right_v = v.vectors;
+      const Eigen::MatrixXd &gu = basis.energy().along_u[0], &gv = basis.energy().along_v[0];
       const double density = trace(a) / (gu.trace() * gv.trace());
       for (int j = 0; j < a.count_v(); ++j)
         for (int i = 0; i < a.count_u(); ++i) {
@@ -57,12 +84,16 @@ struct NormalSolver::Preconditioner {
           scale(i, j) = 1 / (density + mu * root * root);
         }
     } else {
-      left_u = gu.llt().solve(Eigen::MatrixXd::Identity(gu.rows(), gu.cols()));
-      right_v = gv.llt().solve(Eigen::MatrixXd::Identity(gv.rows(), gv.cols()));
+      const SampleGram gram(a);
+      const Eigen::LLT<Eigen::MatrixXd> u(gram.along_u), v(gram.around_v);
+      usable = u.info() == Eigen::Success && v.info() == Eigen::Success;
+      if (!usable) return;
+      left_u = with_padded_rows(u.solve(Eigen::MatrixXd::Identity(a.count_u(), a.count_u())));
+      right_v = v.solve(Eigen::MatrixXd::Identity(a.count_v(), a.count_v()));
       for (int j = 0; j < a.count_v(); ++j)
         for (int i = 0; i < a.count_u(); ++i) {
           const double d = a.diagonal(i, j);
-          scale(i, j) = d > 0 ? std::sqrt(gu(i, i) * gv(j, j) / d) : 0;
+          scale(i, j) = d > 0 ? std::sqrt(gram.along_u(i, i) * gram.around_v(j, j) / d) : 0;
         }
     }
   }
@@ -74,17 +105,24 @@ struct NormalSolver::Preconditioner {
                                                                           a.count_v(), Eigen::OuterStride<>(stride));
     Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>> to(z.data() + a.at(0, 0), a.count_u(), a.count_v(),
                                                             Eigen::OuterStride<>(stride));
+    const auto multiplied = [](Eigen::MatrixXd& result, const Eigen::MatrixXd& left, const Eigen::MatrixXd& right) {
+      result.setZero();
+      add_product(1, left, right, result);
+    };
     if (spectral) {
-      half.noalias() = left_u.transpose() * from;
-      work.noalias() = half * right_v;
-      work.array() *= scale;
-      half.noalias() = left_u * work;
-      to.noalias() = half * right_v.transpose();
+      work.topRows(a.count_u()) = from;
+      multiplied(half, left_u_transposed, work);
+      multiplied(work, half, right_v);
+      work.topRows(a.count_u()).array() *= scale;
+      multiplied(half, left_u, work);
+      work.setZero();
+      add_transposed_product(1, half, right_v, work);
+      to = work.topRows(a.count_u());
     } else {
-      work = (from.array() * scale).matrix();
-      half.noalias() = left_u * work;
-      work.noalias() = half * right_v;
-      to = (work.array() * scale).matrix();
+      work.topRows(a.count_u()) = (from.array() * scale).matrix();
+      multiplied(half, left_u, work);
+      multiplied(work, half, right_v);
+      to = (work.topRows(a.count_u()).array() * scale).matrix();
     }
   }
 };
@@ -130,8 +168,9 @@ bool NormalSolver::factorise() {
 bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, AlignedVector<double>& x) {
   const StencilMatrix& a = system();
   if (!preconditioner_) preconditioner_ = std::make_shared<const Preconditioner>(equations_, *options_.basis, mu_);
+  if (!preconditioner_->usable) return false;
   AlignedVector<double> r(b), z(b.size(), 0.0), p, q(b.size());
-  Eigen::MatrixXd work(a.count_u(), a.count_v()), half(a.count_u(), a.count_v());
+  Eigen::MatrixXd work = Eigen::MatrixXd::Zero(padded_rows(a.count_u()), a.count_v()), half = work;
   x.assign(b.size(), 0.0);
   preconditioner_->apply(a, r, z, work, half);
   p = z;
@@ -156,7 +195,9 @@ bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, AlignedVe
 }
 
 bool NormalSolver::solve_field(const AlignedVector<double>& b, AlignedVector<double>& x) {
-  if (!factor_ && !options_.direct && equations_.matrix().size() > kSmall && conjugate_gradients(b, x)) return true;
+  const int unknowns = equations_.matrix().size();
+  const bool direct = options_.direct || unknowns <= kSmall || equations_.weight() < kSparse * unknowns;
+  if (!factor_ && !direct && conjugate_gradients(b, x)) return true;
   if (!factorise()) return false;
   x.resize(b.size());
   factor_->solve(b.data(), x.data());

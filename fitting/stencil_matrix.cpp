@@ -1,21 +1,72 @@
+// The product is compiled once per SIMD target.
 #include "fitting/stencil_matrix.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "fitting/stencil_matrix.cpp"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
 
 #include <algorithm>
 
+// Highway's scalar target is never needed: the baseline is SSSE3 or NEON at least.
+#if HWY_TARGET != HWY_SCALAR
+HWY_BEFORE_NAMESPACE();
 namespace celadon {
+namespace HWY_NAMESPACE {
 namespace {
 
-// A row of constant j: y_i += sum over du of a_du,i x_(i + du).
-template <int kBand>
-void add_products(const double* a, std::size_t plane, const double* x, double* y, int n) {
-  for (int i = 0; i < n; ++i) {
-    double sum = y[i];
-    for (int d = 0; d <= 2 * kBand; ++d)
-      sum += a[static_cast<std::size_t>(d) * plane + static_cast<std::size_t>(i)] * x[i + d];
-    y[i] = sum;
+namespace hn = hwy::HWY_NAMESPACE;
+using D = hn::ScalableTag<double>;
+using V = hn::Vec<D>;
+
+// Elements [i, i + kVectors vectors) of row j: sums over all planes stay in registers.
+template <int kVectors>
+HWY_INLINE void row_part(const StencilMatrix& m, const double* x, double* y, int j, int i) {
+  const D d;
+  const auto lanes = static_cast<std::ptrdiff_t>(hn::Lanes(d));
+  const int band = m.band_u();
+  V sum[kVectors];
+  for (int k = 0; k < kVectors; ++k) sum[k] = hn::Zero(d);
+  for (int o = 0; o < m.planes_v(); ++o) {
+    const double* from = x + m.at(i, m.neighbour(j, o)) - band;
+    const double* a = m.plane(o, -band) + m.at(i, j);
+    for (int offset = 0; offset <= 2 * band; ++offset, a += m.field_size(), ++from)
+      for (int k = 0; k < kVectors; ++k)
+        sum[k] = hn::MulAdd(hn::LoadU(d, a + k * lanes), hn::LoadU(d, from + k * lanes), sum[k]);
+  }
+  for (int k = 0; k < kVectors; ++k) hn::StoreU(sum[k], d, y + m.at(i, j) + k * lanes);
+}
+
+void multiply_fields(const StencilMatrix& m, const double* x, double* y) {
+  const int n = m.count_u(), lanes = static_cast<int>(hn::Lanes(D()));
+  for (int j = 0; j < m.count_v(); ++j) {
+    if (n < lanes) {
+      for (int i = 0; i < n; ++i) {
+        double sum = 0;
+        for (int o = 0; o < m.planes_v(); ++o)
+          for (int offset = -m.band_u(); offset <= m.band_u(); ++offset)
+            sum += m.plane(o, offset)[m.at(i, j)] * x[m.at(i + offset, m.neighbour(j, o))];
+        y[m.at(i, j)] = sum;
+      }
+      continue;
+    }
+    int i = 0;
+    for (; i + 4 * lanes <= n; i += 4 * lanes) row_part<4>(m, x, y, j, i);
+    for (; i + lanes <= n; i += lanes) row_part<1>(m, x, y, j, i);
+    if (i < n) row_part<1>(m, x, y, j, n - lanes);  // some twice, with the same result
   }
 }
 
+}  // namespace
+}  // namespace HWY_NAMESPACE
+}  // namespace celadon
+HWY_AFTER_NAMESPACE();
+#endif  // not scalar
+
+#if HWY_ONCE
+namespace celadon {
+namespace {
+HWY_EXPORT(multiply_fields);
 }  // namespace
 
 StencilMatrix::StencilMatrix(int count_u, int band_u, int count_v, int band_v)
@@ -43,33 +94,8 @@ int StencilMatrix::plane_of(int j, int k) const {
 
 void StencilMatrix::multiply(const double* x, double* y) const {
   std::fill(y, y + field_size(), 0.0);
-  for (int j = 0; j < count_v_; ++j) {
-    double* to = y + at(0, j);
-    for (int o = 0; o < planes_v_; ++o) {
-      const double* from = x + at(0, neighbour(j, o)) - band_u_;
-      const double* a = plane(o, -band_u_) + at(0, j);
-      switch (band_u_) {
-        case 0:
-          add_products<0>(a, field_size(), from, to, count_u_);
-          break;
-        case 1:
-          add_products<1>(a, field_size(), from, to, count_u_);
-          break;
-        case 2:
-          add_products<2>(a, field_size(), from, to, count_u_);
-          break;
-        case 3:
-          add_products<3>(a, field_size(), from, to, count_u_);
-          break;
-        case 4:
-          add_products<4>(a, field_size(), from, to, count_u_);
-          break;
-        default:
-          add_products<5>(a, field_size(), from, to, count_u_);
-          break;
-      }
-    }
-  }
+  HWY_DYNAMIC_DISPATCH(multiply_fields)(*this, x, y);
 }
 
 }  // namespace celadon
+#endif  // HWY_ONCE

@@ -6,6 +6,7 @@
 #include <random>
 
 #include "fitting/block_cholesky.h"
+#include "fitting/dense_product.h"
 #include "fitting/fit_ladder.h"
 #include "fitting/knot_selection.h"
 #include "tests/fitting/fit_tools.h"
@@ -146,6 +147,69 @@ TEST(NormalSolver, IterationIsTheUsualWayAndTakesFewSteps) {
   ASSERT_TRUE(solver.solve());
   EXPECT_FALSE(solver.direct());
   EXPECT_LE(solver.iterations(), 20);
+}
+
+// Where the density is a product of one along z and one around, so is the matrix, and the preconditioner is its
+// inverse.
+TEST(NormalSolver, AProductOfDensitiesTakesTwoSteps) {
+  Cloud c;
+  for (int i = 0; i < 400; ++i)
+    for (int j = 0; j < 150; ++j) {
+      const double share = i / 400.0;
+      c.theta.push_back(2 * test::kPi * (share + 0.1 * std::sin(2 * test::kPi * share)));
+      c.z.push_back(120 * std::pow((j + 0.5) / 150, 1.5));
+      c.r.push_back(test::freeform(c.theta.back(), c.z.back()));
+    }
+  MomentGrid grid({0, 120, 32, 16, 3, 3});
+  grid.add(c.r, c.theta, c.z);
+  const NormalEquations equations(grid, space(3, 3, 32, 16));
+  NormalSolver solver(equations);
+  const auto x = solver.solve();
+  ASSERT_TRUE(x);
+  EXPECT_FALSE(solver.direct());
+  EXPECT_LE(solver.iterations(), 2);
+  NormalSolver direct(equations, 0, {.direct = true});
+  EXPECT_LT((*x - *direct.solve()).cwiseAbs().maxCoeff(), 1e-9);
+}
+
+TEST(NormalSolver, FewSamplesAnUnknownGoToTheDirectFactor) {
+  const Cloud c = random_cloud(10000, 16);
+  MomentGrid grid({0, 120, 32, 16, 3, 3});
+  grid.add(c.r, c.theta, c.z);
+  const NormalEquations equations(grid, space(3, 3, 32, 16));
+  NormalSolver solver(equations);
+  ASSERT_TRUE(solver.solve());
+  EXPECT_TRUE(solver.direct());
+}
+
+TEST(DenseProduct, AddsTheProductAtEveryShape) {
+  std::mt19937_64 random(4);
+  std::uniform_real_distribution<double> share(-1, 1);
+  const auto matrix = [&](int rows, int columns) {
+    Eigen::MatrixXd m(rows, columns);
+    for (auto& x : m.reshaped()) x = share(random);
+    return m;
+  };
+  for (const int rows : {1, 4, 7, 12, 23, 35})
+    for (const int columns : {1, 3, 4, 9, 34})
+      for (const int inner : {1, 5, 35}) {
+        const Eigen::MatrixXd a = with_padded_rows(matrix(rows, inner)),
+                              start = with_padded_rows(matrix(rows, columns));
+        const Eigen::MatrixXd b = matrix(inner + 1, columns), transposed = matrix(columns + 2, inner);
+        Eigen::MatrixXd plain = start, turned = start;
+        add_product(-0.5, a, b, plain);
+        add_transposed_product(2, a, transposed, turned);
+        for (int i = 0; i < start.rows(); ++i)
+          for (int j = 0; j < columns; ++j) {
+            long double expected = 0, expected_turned = 0;
+            for (int k = 0; k < inner; ++k) {
+              expected += static_cast<long double>(a(i, k)) * b(k, j);
+              expected_turned += static_cast<long double>(a(i, k)) * transposed(j, k);
+            }
+            EXPECT_NEAR(plain(i, j), static_cast<double>(start(i, j) - 0.5L * expected), 1e-14);
+            EXPECT_NEAR(turned(i, j), static_cast<double>(start(i, j) + 2 * expected_turned), 1e-14);
+          }
+      }
 }
 
 TEST(NormalSolver, FallsBackWhenTheIterationDoesNotConverge) {
