@@ -3,24 +3,19 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numbers>
-#include <numeric>
+#include <span>
 
 #include "fitting/fit_ladder.h"
 #include "fitting/knot_selection.h"
+#include "fitting/sheets.h"
 
 namespace celadon {
 namespace {
 
-constexpr double kCells = 2048, kSamplesPerCell = 12;
-// Ranges of one cell that leave a gap of more than this many cell diagonals are two sheets.
-constexpr double kGap = 1.5;
-// Slopes beyond which neighbouring cells do not continue one another, around and along the axis.
-constexpr double kSlopeAround = 2.5, kSlopeAlong = 4;
-// A cluster with less than this share of its cell's samples holds strays.
-constexpr double kStrayShare = 0.2;
-// Sheets of fewer cells than this are chance.
-constexpr int kSheetCells = 3;
+// Gaps that part the samples of a cell, in cell diagonals: of their ranges, and of what a first surface leaves of them.
+constexpr double kRangeGap = 1.5, kResidualGap = 0.5;
+// and never less than this many times the spread of the samples.
+constexpr double kGapScales = 12;
 // Residuals below this share of the size are no scanner's noise.
 constexpr double kSmallestScale = 1e-6;
 constexpr double kMad = 1.4826;
@@ -32,6 +27,33 @@ double median_of(std::vector<double>& values) {
   return *middle;
 }
 
+// Middle and half width of the shortest interval with two fifths of the values, the latter as a standard deviation:
+// holds out against three fifths that lie anywhere else.
+std::pair<double, double> densest(std::vector<double>& values) {
+  constexpr double kShare = 0.4, kNormalHalf = 0.5244;
+  std::sort(values.begin(), values.end());
+  const std::size_t n = values.size();
+  const std::size_t span = n < 3 ? n - 1 : static_cast<std::size_t>(std::ceil(kShare * static_cast<double>(n)));
+  double middle = values.front(), half = 1e300;
+  for (std::size_t k = 0; k + span < n; ++k) {
+    const double h = (values[k + span] - values[k]) / 2;
+    if (h < half) half = h, middle = (values[k + span] + values[k]) / 2;
+  }
+  return {middle, half / kNormalHalf};
+}
+
+// Median absolute deviation of what lies within three of it: strays far away do not count.
+double scale_of(std::vector<double>& sizes) {
+  double scale = kMad * median_of(sizes);
+  for (int k = 0; k < 3; ++k) {
+    std::vector<double> near;
+    for (const double e : sizes)
+      if (e <= 3 * scale) near.push_back(e);
+    scale = kMad * median_of(near);
+  }
+  return scale;
+}
+
 int power_of_two_below(int n) {
   return static_cast<int>(std::bit_floor(static_cast<unsigned>(std::max(1, n))));
 }
@@ -41,238 +63,51 @@ double tukey(double x) {
   return f > 0 ? f * f : 0;
 }
 
-class UnionFind {
- public:
-  explicit UnionFind(std::size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), std::size_t{0}); }
-  std::size_t find(std::size_t k) {
-    while (parent_[k] != k) k = parent_[k] = parent_[parent_[k]];
-    return k;
-  }
-  void join(std::size_t a, std::size_t b) { parent_[std::max(find(a), find(b))] = std::min(find(a), find(b)); }
-
- private:
-  std::vector<std::size_t> parent_;
-};
-
 }  // namespace
 
-const RobustReference::Cluster* RobustReference::Cell::accepted() const {
-  for (const Cluster& c : clusters)
-    if (c.accepted) return &c;
-  return nullptr;
-}
-
 RobustReference::RobustReference(const MomentGrid& sums, int degree_u, int degree_v, JointContinuity continuity)
-    : specification_(sums.specification()), continuity_(continuity), arcs_(sums.arcs()) {
-  const double weight = static_cast<double>(std::max<std::size_t>(sums.samples(), 1));
-  const double r = sums.sum_weight() > 0 ? sums.sum_weighted_range() / sums.sum_weight() : 1;
-  int lowest = sums.z_cells(), highest = 0;
-  for (int j = 0; j < sums.v_cells(); ++j)
-    for (int i = 0; i < sums.z_cells(); ++i)
-      if (sums.cell_weight(i, j) > 0) lowest = std::min(lowest, i), highest = std::max(highest, i + 1);
-  const double used = std::max(highest - lowest, 1) / static_cast<double>(sums.z_cells());
-  const double height = (specification_.z_end_mm - specification_.z_start_mm) * used;
-  const double cells = std::clamp(weight / kSamplesPerCell, 1.0, kCells);
-  cells_v_ = std::clamp(static_cast<int>(std::sqrt(cells * 2 * std::numbers::pi * r / height)), 4, 256);
-  cells_z_ = std::clamp(static_cast<int>(cells / cells_v_ / used), 1, 1024);
-  cell_height_ = (specification_.z_end_mm - specification_.z_start_mm) / cells_z_;
+    : specification_(sums.specification()), continuity_(continuity), cells_(sums), spreads_(cells_.size()) {
   specification_.degree_u = degree_u;
   specification_.degree_v = degree_v;
-  specification_.z_intervals = power_of_two_below(cells_z_);
-  specification_.intervals_per_arc = power_of_two_below(cells_v_ / arcs_.count());
-  cells_.resize(static_cast<std::size_t>(cells_z_) * static_cast<std::size_t>(cells_v_));
+  specification_.z_intervals = power_of_two_below(cells_.along());
+  specification_.intervals_per_arc = power_of_two_below(cells_.around() / sums.arcs().count());
 }
 
-int RobustReference::index_of(double v, double z) const {
-  const int i = std::clamp(static_cast<int>((z - specification_.z_start_mm) / cell_height_), 0, cells_z_ - 1);
-  const int j = std::clamp(static_cast<int>(v * cells_v_ / arcs_.count()), 0, cells_v_ - 1);
-  return j * cells_z_ + i;
-}
-
-double RobustReference::diagonal(double r) const {
-  return std::hypot(cell_height_, 2 * std::numbers::pi * r / cells_v_);
-}
-
-// Each cell keeps an even sample of what falls into it, chosen by a fixed hash of the order of arrival.
-void RobustReference::add(const Profile& profile, const double* v) {
-  for (std::size_t k = 0; k < profile.size(); ++k) {
-    const Point p{profile.r_mm[k], v[k], profile.z_mm[k], profile.theta_rad[k]};
-    if (!(p.r > 0 && std::isfinite(p.r) && p.v >= 0 && p.z >= specification_.z_start_mm &&
-          p.z <= specification_.z_end_mm))
-      continue;
-    Cell& cell = cells_[static_cast<std::size_t>(index_of(p.v, p.z))];
-    ++cell.seen;
-    if (cell.points.size() < kPerCell) {
-      cell.points.push_back(p);
-      continue;
-    }
-    std::uint64_t hash = cell.seen * 0x9e3779b97f4a7c15u;
-    hash ^= hash >> 29;
-    hash *= 0xbf58476d1ce4e5b9u;
-    hash ^= hash >> 32;
-    const std::size_t slot = hash % cell.seen;
-    if (slot < kPerCell) cell.points[slot] = p;
-  }
-}
-
-void RobustReference::split(Cell& cell) const {
-  auto& points = cell.points;
-  cell.clusters.clear();
-  if (points.empty()) return;
-  std::sort(points.begin(), points.end(), [](const Point& a, const Point& b) { return a.r < b.r; });
-  const double gap = kGap * diagonal(points[points.size() / 2].r);
-  const auto n = static_cast<int>(points.size());
-  const auto range = [&](int k) { return points[static_cast<std::size_t>(k)].r; };
-  for (int first = 0; first < n;) {
-    int last = first + 1;
-    while (last < n && range(last) - range(last - 1) <= gap) ++last;
-    Cluster c{range(first), range(last - 1), range((first + last) / 2), first, last - first};
-    c.significant = n < 3 ? first == 0 && last == n : c.count >= std::max(2.0, kStrayShare * n);
-    c.steep = range(last - 1 - c.count / 10) - range(first + c.count / 10) > 3 * diagonal(c.median);
-    cell.clusters.push_back(c);
-    first = last;
-  }
-}
-
-// Clusters that continue one another from cell to cell form sheets. The body is the largest sheet, every sheet that
-// goes most of the way around, and those that only lack neighbours; a sheet cut off by jumps (a handle) is not.
-void RobustReference::choose_body() {
-  struct Node {
-    std::size_t cell;
-    std::size_t cluster;
-  };
-  std::vector<Node> nodes;
-  std::vector<std::vector<std::size_t>> in_cell(cells_.size());
-  for (std::size_t c = 0; c < cells_.size(); ++c)
-    for (std::size_t k = 0; k < cells_[c].clusters.size(); ++k)
-      if (cells_[c].clusters[k].significant) {
-        in_cell[c].push_back(nodes.size());
-        nodes.push_back({c, k});
-      }
-  if (nodes.empty()) return;
-  const auto cluster = [&](std::size_t n) -> Cluster& { return cells_[nodes[n].cell].clusters[nodes[n].cluster]; };
-  UnionFind sheets(nodes.size());
-  std::vector<int> refused(nodes.size(), 0);
-  constexpr int kReach = 4;  // cells without samples that a sheet may span
-  for (std::size_t a = 0; a < nodes.size(); ++a) {
-    const int i = static_cast<int>(nodes[a].cell) % cells_z_, j = static_cast<int>(nodes[a].cell) / cells_z_;
-    for (const bool around : {true, false}) {
-      for (int step = 1; step <= kReach; ++step) {
-        const int ni = around ? i : i + step, nj = around ? (j + step) % cells_v_ : j;
-        if (ni >= cells_z_ || (around && step >= cells_v_)) break;
-        const auto& others = in_cell[static_cast<std::size_t>(nj * cells_z_ + ni)];
-        if (others.empty()) continue;
-        bool linked = false;
-        for (const std::size_t b : others) {
-          const Cluster &ca = cluster(a), &cb = cluster(b);
-          const double distance =
-              step * (around ? 2 * std::numbers::pi * (ca.median + cb.median) / 2 / cells_v_ : cell_height_);
-          // A steep cluster runs over many ranges: it continues along the axis whatever it touches, around only steep
-          // ones.
-          const bool continues =
-              ca.steep || cb.steep
-                  ? (!around || ca.steep == cb.steep) && ca.low <= cb.high + distance && cb.low <= ca.high + distance
-                  : std::abs(ca.median - cb.median) <= (around ? kSlopeAround : kSlopeAlong) * distance;
-          if (!continues) continue;
-          sheets.join(a, b);
-          linked = true;
-        }
-        if (!linked) {
-          ++refused[a];
-          for (const std::size_t b : others) ++refused[b];
-        }
-        break;
-      }
-    }
-  }
-  struct Sheet {
-    std::size_t samples = 0;
-    int cells = 0, refused = 0, columns = 0, last_column = -1;
-  };
-  std::vector<Sheet> of(nodes.size());
-  for (std::size_t n = 0; n < nodes.size(); ++n) {  // cells run column by column
-    Sheet& sheet = of[sheets.find(n)];
-    const Cell& cell = cells_[nodes[n].cell];
-    sheet.samples += cell.seen * static_cast<std::size_t>(cluster(n).count) / cell.points.size() + 1;
-    ++sheet.cells;
-    sheet.refused += refused[n];
-    const int column = static_cast<int>(nodes[n].cell) / cells_z_;
-    if (column != sheet.last_column) ++sheet.columns, sheet.last_column = column;
-  }
-  std::size_t largest = 0;
-  for (const Sheet& sheet : of) largest = std::max(largest, sheet.samples);
-  for (std::size_t n = 0; n < nodes.size(); ++n) {
-    const Sheet& sheet = of[sheets.find(n)];
-    cluster(n).accepted = sheet.samples == largest || 4 * sheet.columns >= 3 * cells_v_ || sheet.refused == 0 ||
-                          5 * sheet.samples >= largest;
-    // Too small for a part of the object: strays that happen to lie together.
-    if (!cluster(n).accepted && sheet.cells < kSheetCells) cluster(n).significant = false;
-  }
-}
-
-// Where the body has several clusters in a cell, the surface can follow one: the one that its neighbours continue.
-void RobustReference::choose_single_values() {
-  const auto accepted_count = [](const Cell& c) {
-    return std::count_if(c.clusters.begin(), c.clusters.end(), [](const Cluster& k) { return k.accepted; });
-  };
-  for (std::size_t c = 0; c < cells_.size(); ++c) {
-    Cell& cell = cells_[c];
-    if (accepted_count(cell) < 2) continue;
-    const int i = static_cast<int>(c) % cells_z_, j = static_cast<int>(c) / cells_z_;
-    double sum = 0, count = 0;
-    for (int reach = 1; reach <= 8 && count < 3; ++reach)
-      for (int dj = -reach; dj <= reach; ++dj)
-        for (int di = -reach; di <= reach; ++di) {
-          if (std::max(std::abs(di), std::abs(dj)) != reach || i + di < 0 || i + di >= cells_z_) continue;
-          const Cell& other =
-              cells_[static_cast<std::size_t>(((j + dj) % cells_v_ + cells_v_) % cells_v_ * cells_z_ + i + di)];
-          if (accepted_count(other) != 1) continue;
-          sum += other.accepted()->median;
-          ++count;
-        }
-    const double expected = count > 0 ? sum / count : 0;
-    const Cluster* best = nullptr;
-    for (const Cluster& k : cell.clusters) {
-      if (!k.accepted) continue;
-      const bool better = !best || (count > 0 ? std::abs(k.median - expected) < std::abs(best->median - expected)
-                                              : k.count > best->count);
-      if (better) best = &k;
-    }
-    for (Cluster& k : cell.clusters) k.accepted = &k == best;
-  }
-}
-
-bool RobustReference::solve(bool weighted) {
+// To begin with, what lies about the middle of its cluster; then what lies where most residuals of its cell lie, which
+// leads to the body from afar; at last what lies near the function.
+bool RobustReference::solve(Weights weights) {
   MomentGrid grid(specification_);
   std::vector<double> r, theta, z, w, fitted;
-  for (const Cell& cell : cells_) {
-    const Cluster* c = cell.accepted();
-    if (!c) continue;
-    const auto begin = cell.points.begin() + c->first, end = begin + c->count;
-    r.clear(), theta.clear(), z.clear(), w.clear();
-    for (auto p = begin; p != end; ++p) {
-      r.push_back(p->r);
-      theta.push_back(p->theta);
-      z.push_back(p->z);
+  for (std::size_t c = 0; c < cells_.size(); ++c)
+    for (const Cluster& cluster : cells_[c].clusters) {
+      if (!cluster.accepted) continue;
+      r.clear(), theta.clear(), z.clear(), w.clear();
+      for (int k = cluster.first; k < cluster.first + cluster.count; ++k) {
+        const CellPoint& p = cells_[c].points[static_cast<std::size_t>(k)];
+        r.push_back(p.r_mm);
+        theta.push_back(p.theta_rad);
+        z.push_back(p.z_mm);
+      }
+      fitted.resize(r.size());
+      double trim = 0;
+      if (weights != Weights::about_cluster) {
+        function_.evaluate(theta.data(), z.data(), r.size(), fitted.data());
+      } else {
+        for (std::size_t k = 0; k < r.size(); ++k) fitted[k] = std::abs(r[k] - cluster.median);
+        trim = kTukey * kMad * median_of(fitted);
+      }
+      std::size_t kept = 0;
+      for (std::size_t k = 0; k < r.size(); ++k) {
+        double weight = std::abs(r[k] - cluster.median) <= trim;
+        if (weights == Weights::about_cell) weight = tukey((r[k] - fitted[k] - spreads_[c].middle) / spreads_[c].width);
+        if (weights == Weights::about_function) weight = tukey((r[k] - fitted[k]) / spreads_[c].limit);
+        if (weight <= 0) continue;
+        r[kept] = r[k], theta[kept] = theta[k], z[kept] = z[k];
+        w.push_back(weight);
+        ++kept;
+      }
+      grid.add(std::span(r).first(kept), std::span(theta).first(kept), std::span(z).first(kept), w);
     }
-    fitted.resize(r.size());
-    double trim = 0;  // to begin with: what lies about the middle of its cell
-    if (weighted) {
-      function_.evaluate(theta.data(), z.data(), r.size(), fitted.data());
-    } else {
-      for (std::size_t k = 0; k < r.size(); ++k) fitted[k] = std::abs(r[k] - c->median);
-      trim = kTukey * kMad * median_of(fitted);
-    }
-    std::size_t kept = 0;
-    for (std::size_t k = 0; k < r.size(); ++k) {
-      const double weight = weighted ? tukey((r[k] - fitted[k]) / cell.limit) : std::abs(r[k] - c->median) <= trim;
-      if (weight <= 0) continue;
-      r[kept] = r[k], theta[kept] = theta[k], z[kept] = z[k];
-      w.push_back(weight);
-      ++kept;
-    }
-    grid.add(std::span(r).first(kept), std::span(theta).first(kept), std::span(z).first(kept), w);
-  }
   if (grid.samples() == 0) return false;
   CellBand band{grid.z_cells(), 0};
   for (int j = 0; j < grid.v_cells(); ++j)
@@ -285,90 +120,98 @@ bool RobustReference::solve(bool weighted) {
   return true;
 }
 
-// Local scale: the size of the median residual (what the reference cannot follow) and the spread about it, at least the
-// spread everywhere and half of the neighbours' scale.
+// Keys of all points become residuals; each cell's limit is the size of the middle of its accepted ones (what the
+// reference cannot follow is no outlier) and the spread about it, at least the spread everywhere and half of the
+// neighbours'.
 void RobustReference::update_limits() {
-  std::vector<double> spreads, residuals, theta, z, fitted;
-  for (Cell& cell : cells_) {
-    const Cluster* c = cell.accepted();
-    cell.limit = 0;
-    if (!c) continue;
+  std::vector<double> sizes, residuals, theta, z, fitted;
+  for (std::size_t c = 0; c < cells_.size(); ++c) {
+    SampleCell& cell = cells_[c];
+    const std::size_t n = cell.points.size();
+    spreads_[c] = {};
     theta.clear(), z.clear(), residuals.clear();
-    for (int k = c->first; k < c->first + c->count; ++k) {
-      const Point& p = cell.points[static_cast<std::size_t>(k)];
-      theta.push_back(p.theta);
-      z.push_back(p.z);
-      residuals.push_back(p.r);
-    }
-    fitted.resize(z.size());
-    function_.evaluate(theta.data(), z.data(), z.size(), fitted.data());
-    for (std::size_t k = 0; k < residuals.size(); ++k) residuals[k] -= fitted[k];
-    cell.middle = median_of(residuals);
-    for (double& e : residuals) e = std::abs(e - cell.middle);
-    spreads.insert(spreads.end(), residuals.begin(), residuals.end());
-    cell.limit = kMad * median_of(residuals);
+    for (const CellPoint& p : cell.points) theta.push_back(p.theta_rad), z.push_back(p.z_mm);
+    fitted.resize(n);
+    function_.evaluate(theta.data(), z.data(), n, fitted.data());
+    for (std::size_t k = 0; k < n; ++k) cell.points[k].key = cell.points[k].r_mm - fitted[k];
+    for (const Cluster& cluster : cell.clusters)
+      for (int k = cluster.first; cluster.accepted && k < cluster.first + cluster.count; ++k)
+        residuals.push_back(cell.points[static_cast<std::size_t>(k)].key);
+    if (residuals.empty()) continue;
+    const auto [middle, spread] = densest(residuals);
+    for (const double e : residuals) sizes.push_back(std::abs(e - middle));
+    spreads_[c] = {middle, spread, 0};
   }
-  scale_ =
-      std::max(kMad * median_of(spreads), kSmallestScale * std::max(specification_.z_end_mm - specification_.z_start_mm,
-                                                                    function_.coefficients().cwiseAbs().maxCoeff()));
+  scale_ = std::max(scale_of(sizes), kSmallestScale * std::max(specification_.z_end_mm - specification_.z_start_mm,
+                                                               function_.coefficients().cwiseAbs().maxCoeff()));
+  for (Spread& s : spreads_) s.width = std::max(s.width, scale_);
+  // What the reference cannot follow is not in one cell alone: the second largest of the neighbourhood bounds it.
   std::vector<double> local(cells_.size());
-  for (std::size_t k = 0; k < cells_.size(); ++k)
-    local[k] = std::max(cells_[k].limit, scale_) + (cells_[k].limit > 0 ? std::abs(cells_[k].middle) : 0);
-  for (std::size_t k = 0; k < cells_.size(); ++k) {
-    const int i = static_cast<int>(k) % cells_z_, j = static_cast<int>(k) / cells_z_;
-    double limit = local[k];
+  const auto neighbourhood = [&](std::size_t k, const auto& visit) {
+    const int i = static_cast<int>(k) % cells_.along(), j = static_cast<int>(k) / cells_.along();
     for (int dj = -1; dj <= 1; ++dj)
-      for (int di = -1; di <= 1; ++di) {
-        if (i + di < 0 || i + di >= cells_z_) continue;
-        limit =
-            std::max(limit, local[static_cast<std::size_t>((j + dj + cells_v_) % cells_v_ * cells_z_ + i + di)] / 2);
-      }
-    cells_[k].limit = limit;
+      for (int di = -1; di <= 1; ++di)
+        if (i + di >= 0 && i + di < cells_.along()) visit(cells_.index(i + di, cells_.column(j + dj)));
+  };
+  for (std::size_t k = 0; k < cells_.size(); ++k) {
+    double largest = 0, second = 0;
+    neighbourhood(k, [&](std::size_t other) {
+      const double size = spreads_[other].width + std::abs(spreads_[other].middle);
+      second = std::max(second, std::min(size, largest));
+      largest = std::max(largest, size);
+    });
+    local[k] = std::min(spreads_[k].width + std::abs(spreads_[k].middle), second);
+  }
+  for (std::size_t k = 0; k < cells_.size(); ++k) {
+    spreads_[k].limit = local[k];
+    neighbourhood(k, [&](std::size_t other) { spreads_[k].limit = std::max(spreads_[k].limit, local[other] / 2); });
   }
 }
 
-bool RobustReference::fit() {
-  for (Cell& cell : cells_) split(cell);
-  choose_body();
-  choose_single_values();
-  if (!solve(false)) return false;
-  update_limits();
-  for (int k = 0; k < 8; ++k) {
-    if (!solve(true)) return false;
+bool RobustReference::fit_clusters() {
+  for (const Weights weights : {Weights::about_cluster, Weights::about_cell, Weights::about_cell,
+                                Weights::about_function, Weights::about_function}) {
+    if (!solve(weights)) return false;
     update_limits();
-  }
-  for (const Cell& cell : cells_) {
-    if (cell.points.empty()) continue;
-    for (const Point& p : cell.points) {
-      const double e = p.r - function_(p.theta, p.z);
-      strangers_ = strangers_ || std::abs(e) > 6 * cell.limit;
-    }
   }
   return true;
 }
 
+// First the clusters of the ranges, then, with what a surface through the body leaves of the samples, those of the
+// residuals: they part what lies close over a slanting body.
+bool RobustReference::fit() {
+  set_strays_apart(cells_);
+  find_clusters(cells_, kRangeGap, 0);
+  choose_body(cells_);
+  if (!fit_clusters()) return false;
+  find_clusters(cells_, kResidualGap, kGapScales * scale_);
+  choose_body(cells_);
+  if (!fit_clusters()) return false;
+  for (std::size_t c = 0; c < cells_.size(); ++c)
+    for (const CellPoint& p : cells_[c].points) strangers_ = strangers_ || std::abs(p.key) > 6 * spreads_[c].limit;
+  return true;
+}
+
 RobustReference::Verdict RobustReference::verdict(double v, double z, double r, double residual) const {
-  const Cell& cell = cells_[static_cast<std::size_t>(index_of(v, z))];
-  const double weight = tukey(residual / (cell.limit > 0 ? cell.limit : scale_));
+  const std::size_t at = cells_.index_of(v, z);
+  const double weight = tukey(residual / (spreads_[at].limit > 0 ? spreads_[at].limit : scale_));
   if (weight > 0) return {weight, Kind::good};
-  const double margin = diagonal(r) / 2;
-  for (const Cluster& c : cell.clusters)
+  const double margin = cells_.diagonal_mm(r) / 2;
+  for (const Cluster& c : cells_[at].clusters)
     if (c.significant && !c.accepted && r >= c.low - margin && r <= c.high + margin) return {0, Kind::unfollowable};
   return {0, Kind::outlier};
 }
 
 double RobustReference::percentile95(const RangeFunction& function) const {
   std::vector<double> sizes;
-  for (const Cell& cell : cells_) {
-    const Cluster* c = cell.accepted();
-    if (!c) continue;
-    for (int k = c->first; k < c->first + c->count; ++k) {
-      const Point& p = cell.points[static_cast<std::size_t>(k)];
-      if (p.z < function.base().z_start_mm || p.z > function.base().z_end_mm) continue;
-      if (tukey((p.r - function_(p.theta, p.z)) / cell.limit) <= 0) continue;
-      sizes.push_back(std::abs(p.r - function(p.theta, p.z)));
-    }
-  }
+  for (std::size_t c = 0; c < cells_.size(); ++c)
+    for (const Cluster& cluster : cells_[c].clusters)
+      for (int k = cluster.first; cluster.accepted && k < cluster.first + cluster.count; ++k) {
+        const CellPoint& p = cells_[c].points[static_cast<std::size_t>(k)];
+        if (p.z_mm < function.base().z_start_mm || p.z_mm > function.base().z_end_mm) continue;
+        if (tukey((p.r_mm - function_(p.theta_rad, p.z_mm)) / spreads_[c].limit) <= 0) continue;
+        sizes.push_back(std::abs(p.r_mm - function(p.theta_rad, p.z_mm)));
+      }
   if (sizes.empty()) return 0;
   const auto at = sizes.begin() + static_cast<std::ptrdiff_t>(0.95 * static_cast<double>(sizes.size() - 1));
   std::nth_element(sizes.begin(), at, sizes.end());

@@ -2,16 +2,14 @@
 // A fit that outliers and handles cannot move, from a bounded sample of the stream, and the verdict on every sample
 // that follows from it. Source: README.md, "Weights".
 
-#include <Eigen/Core>
-#include <array>
 #include <cstdint>
-#include <optional>
 #include <vector>
 
 #include "fitting/moment_grid.h"
 #include "fitting/profile.h"
 #include "fitting/range_function.h"
 #include "fitting/range_space.h"
+#include "fitting/sample_cells.h"
 
 namespace celadon {
 
@@ -24,7 +22,7 @@ class RobustReference {
   RobustReference(const MomentGrid& sums, int degree_u, int degree_v, JointContinuity continuity);
 
   /// v of the profile's samples; samples outside the grid's band, not finite or with r <= 0 are passed over.
-  void add(const Profile& profile, const double* v);
+  void add(const Profile& profile, const double* v) { cells_.add(profile, v); }
   /// False: the sample determines no surface.
   bool fit();
 
@@ -46,38 +44,20 @@ class RobustReference {
   double percentile95(const RangeFunction& function) const;
 
  private:
-  struct Point {
-    double r, v, z, theta;
+  // What the function leaves of a cell's accepted samples: where they lie densest and how wide, at least the scale; and
+  // the standard deviation that judges samples by their distance to the function.
+  struct Spread {
+    double middle = 0, width = 0, limit = 0;
   };
-  // Samples of a cell whose ranges follow on one another without a gap.
-  struct Cluster {
-    double low, high, median;
-    int first, count;  // in the cell's points, sorted by range
-    bool significant = false, accepted = false, steep = false;
-  };
-  struct Cell {
-    std::vector<Point> points;
-    std::size_t seen = 0;
-    std::vector<Cluster> clusters;
-    double middle = 0, limit = 0;  // local scale of accepted residuals; 0 unknown
-    const Cluster* accepted() const;
-  };
-  static constexpr std::size_t kPerCell = 32;
-
-  int index_of(double v, double z_mm) const;
-  double diagonal(double r) const;
-  void split(Cell& cell) const;
-  void choose_body();
-  void choose_single_values();
+  enum class Weights { about_cluster, about_cell, about_function };
+  bool fit_clusters();
+  bool solve(Weights weights);
   void update_limits();
-  bool solve(bool weighted);
 
   GridSpecification specification_;
   JointContinuity continuity_;
-  BaseArcs arcs_;
-  int cells_z_ = 1, cells_v_ = 1;
-  double cell_height_ = 1;
-  std::vector<Cell> cells_;
+  SampleCells cells_;
+  std::vector<Spread> spreads_;
   RangeFunction function_;
   double scale_ = 0;
   bool strangers_ = false;

@@ -1,0 +1,71 @@
+#include "fitting/sample_cells.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+
+namespace celadon {
+namespace {
+constexpr double kCells = 2048, kSamplesPerCell = 12;
+}  // namespace
+
+const Cluster* SampleCell::accepted() const {
+  for (const Cluster& c : clusters)
+    if (c.accepted) return &c;
+  return nullptr;
+}
+
+SampleCells::SampleCells(const MomentGrid& sums)
+    : z_start_(sums.specification().z_start_mm), z_end_(sums.specification().z_end_mm), arcs_(sums.arcs().count()) {
+  const double weight = static_cast<double>(std::max<std::size_t>(sums.samples(), 1));
+  const double r = sums.sum_weight() > 0 ? sums.sum_weighted_range() / sums.sum_weight() : 1;
+  int lowest = sums.z_cells(), highest = 0;
+  for (int j = 0; j < sums.v_cells(); ++j)
+    for (int i = 0; i < sums.z_cells(); ++i)
+      if (sums.cell_weight(i, j) > 0) lowest = std::min(lowest, i), highest = std::max(highest, i + 1);
+  const double used = std::max(highest - lowest, 1) / static_cast<double>(sums.z_cells());
+  const double height = (z_end_ - z_start_) * used;
+  const double cells = std::clamp(weight / kSamplesPerCell, 1.0, kCells);
+  cells_v_ = std::clamp(static_cast<int>(std::sqrt(cells * 2 * std::numbers::pi * r / height)), 4, 256);
+  cells_z_ = std::clamp(static_cast<int>(cells / cells_v_ / used), 1, 1024);
+  cell_height_ = (z_end_ - z_start_) / cells_z_;
+  cells_.resize(static_cast<std::size_t>(cells_z_) * static_cast<std::size_t>(cells_v_));
+}
+
+std::size_t SampleCells::index_of(double v, double z) const {
+  const int i = std::clamp(static_cast<int>((z - z_start_) / cell_height_), 0, cells_z_ - 1);
+  const int j = std::clamp(static_cast<int>(v * cells_v_ / arcs_), 0, cells_v_ - 1);
+  return index(i, j);
+}
+
+double SampleCells::width_mm(double r) const {
+  return 2 * std::numbers::pi * r / cells_v_;
+}
+
+double SampleCells::diagonal_mm(double r) const {
+  return std::hypot(cell_height_, width_mm(r));
+}
+
+// Each cell keeps an even sample of what falls into it, chosen by a fixed hash of the order of arrival.
+void SampleCells::add(const Profile& profile, const double* v) {
+  for (std::size_t k = 0; k < profile.size(); ++k) {
+    const double r = profile.r_mm[k], z = profile.z_mm[k];
+    if (!(r > 0 && std::isfinite(r) && v[k] >= 0 && z >= z_start_ && z <= z_end_)) continue;
+    const CellPoint p{r, v[k], z, profile.theta_rad[k], r};
+    SampleCell& cell = cells_[index_of(p.v, p.z_mm)];
+    ++cell.seen;
+    if (cell.points.size() < kPerCell) {
+      cell.points.push_back(p);
+      continue;
+    }
+    std::uint64_t hash = cell.seen * 0x9e3779b97f4a7c15u;
+    hash ^= hash >> 29;
+    hash *= 0xbf58476d1ce4e5b9u;
+    hash ^= hash >> 32;
+    const std::size_t slot = hash % cell.seen;
+    if (slot < kPerCell) cell.points[slot] = p;
+  }
+}
+
+}  // namespace celadon

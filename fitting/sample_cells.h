@@ -1,0 +1,72 @@
+#pragma once
+// A bounded, even sample of a stream of range data in coarse cells over (z, v): what the robust start looks at.
+// Source: README.md, "Outliers" and "Handles".
+
+#include <cstddef>
+#include <vector>
+
+#include "fitting/moment_grid.h"
+#include "fitting/profile.h"
+
+namespace celadon {
+
+/// One kept sample. `key` orders the samples of a cell: their range, or later what a surface leaves of it.
+struct CellPoint {
+  double r_mm, v, z_mm, theta_rad;
+  double key;
+};
+
+/// Samples of a cell that follow on one another without a gap.
+struct Cluster {
+  int first = 0, count = 0;              ///< in the cell's points
+  double low = 0, high = 0, median = 0;  ///< of the ranges, mm
+  double v_low = 0, v_high = 0, z_low = 0, z_high = 0;
+  bool significant = false;  ///< not a few strays
+  bool accepted = false;     ///< of the surface that is fitted
+};
+
+struct SampleCell {
+  std::vector<CellPoint> points;  ///< those of the clusters in order, then strays
+  std::size_t kept = 0;           ///< points that are no strays
+  std::size_t seen = 0;           ///< samples that fell into the cell
+  std::vector<Cluster> clusters;
+  const Cluster* accepted() const;  ///< the first accepted one; nullptr: none
+};
+
+/// Cells about as high as wide, column by column around. At most 32 samples are kept of each.
+class SampleCells {
+ public:
+  static constexpr std::size_t kPerCell = 32;
+  explicit SampleCells(const MomentGrid& sums);
+
+  /// v of the profile's samples; samples outside the band, not finite or with r <= 0 are passed over.
+  void add(const Profile& profile, const double* v);
+
+  int along() const { return cells_z_; }
+  int around() const { return cells_v_; }
+  std::size_t size() const { return cells_.size(); }
+  std::size_t index(int i, int j) const {
+    return static_cast<std::size_t>(j) * static_cast<std::size_t>(cells_z_) + static_cast<std::size_t>(i);
+  }
+  /// The column j steps around, modulo the turn.
+  int column(int j) const { return (j % cells_v_ + cells_v_) % cells_v_; }
+  std::size_t index_of(double v, double z_mm) const;
+  SampleCell& operator[](std::size_t k) { return cells_[k]; }
+  const SampleCell& operator[](std::size_t k) const { return cells_[k]; }
+  auto begin() { return cells_.begin(); }
+  auto end() { return cells_.end(); }
+  auto begin() const { return cells_.begin(); }
+  auto end() const { return cells_.end(); }
+
+  double height_mm() const { return cell_height_; }
+  double width_mm(double r_mm) const;
+  double diagonal_mm(double r_mm) const;
+  double arcs() const { return arcs_; }
+
+ private:
+  double z_start_, z_end_, arcs_, cell_height_ = 1;
+  int cells_z_ = 1, cells_v_ = 1;
+  std::vector<SampleCell> cells_;
+};
+
+}  // namespace celadon
