@@ -15,27 +15,33 @@ enum class Signal : std::uint8_t { grey, yuyv_luma, yuyv_red, yuyv_green };
 inline constexpr int kMaximumWidthPx = 4096;
 inline constexpr int kMinimumWidthPx = 64;
 inline constexpr int kPaddingCells = 128;  ///< before and after a decimated row: longest vector and the score's reach
-inline constexpr int kCutPx = 80;          ///< pixels cut out about the coarse peak
-inline constexpr int kWindowPx = 64;       ///< pixels left when the cut is centred on the zero crossing
-inline constexpr int kBatchRows = 16;      ///< rows refined together, one per SIMD lane
+inline constexpr int kRowCells = kMaximumWidthPx / 4 + 2 * kPaddingCells;
+inline constexpr int kWindowPx = 64;   ///< pixels cut out about the coarse peak
+inline constexpr int kBlockRows = 16;  ///< rows of the image worked on together, one per SIMD lane
 
-/// Decimated rows, and a batch of rows to be refined together.
+/// What a row's window holds: no line; a line of which every pixel can be used; one with saturated pixels or at the
+/// border.
+enum class WindowKind : std::uint8_t { none, whole, partial };
+
+/// A block of rows on its way from bytes to positions.
 struct Scratch {
-  alignas(64) std::uint8_t cells[kMaximumWidthPx / 4 + 2 * kPaddingCells];
-  alignas(64) std::uint8_t scores[kMaximumWidthPx / 4 + 2 * kPaddingCells];
-  alignas(64) std::int16_t cut[kBatchRows][kCutPx];         ///< signal about the coarse peak
-  alignas(64) std::int16_t cut_usable[kBatchRows][kCutPx];  ///< 0: saturated or outside the frame; else -1
-  alignas(64) std::int16_t signal[kWindowPx][kBatchRows];   ///< [pixel][row], pixel 32 nearest the zero crossing
-  alignas(64) std::int16_t usable[kWindowPx][kBatchRows];   ///< the same of cut_usable; only valid if masked
-  alignas(64) float ambient_variance[kBatchRows];           ///< noise of a pixel without laser light
-  alignas(64) float x[kBatchRows];                          ///< in: from the zero crossing; relative to pixel 32
-  alignas(64) float sigma[kBatchRows], amplitude[kBatchRows], width[kBatchRows];
-  alignas(64) float good[kBatchRows];  ///< 1 if the row has a line
-  int center_px[kBatchRows];           ///< pixel of the frame at the middle of cut, then window
-  int frame_row[kBatchRows];
-  bool saturated[kBatchRows], row_masked[kBatchRows];
-  bool masked = false;  ///< some pixel of the batch is not usable
-  int count = 0;
+  alignas(64) std::uint8_t cells[kBlockRows][kRowCells];
+  alignas(64) std::uint8_t scores[kBlockRows][kRowCells];
+  alignas(64) std::uint8_t highest[kBlockRows][64];        ///< a vector of which the largest lane is the largest score
+  alignas(64) std::int16_t cut[kBlockRows][kWindowPx];     ///< signal about the coarse peak
+  alignas(64) std::int16_t usable[kBlockRows][kWindowPx];  ///< 0: saturated or outside the frame; else -1
+  alignas(64) std::int16_t signal[kWindowPx][kBlockRows];  ///< cut, [pixel][row]
+  alignas(64) std::int16_t usable_signal[kWindowPx][kBlockRows];  ///< usable, [pixel][row]; only of partial windows
+  alignas(64) float ambient_variance[kBlockRows];                 ///< noise of a pixel without laser light
+  int center_px[kBlockRows];                                      ///< pixel of the frame at the middle of the window
+  WindowKind kind[kBlockRows];
+  bool saturated[kBlockRows];
+  // The model of each row; positions count from the middle of the window.
+  alignas(64) float level[kBlockRows], slope[kBlockRows], slope_information[kBlockRows];
+  alignas(64) float x_start[kBlockRows], width_start[kBlockRows];
+  alignas(64) float x[kBlockRows], amplitude[kBlockRows], width[kBlockRows], variance_x[kBlockRows];
+  alignas(64) float speckle_excess[kBlockRows], speckle_weight[kBlockRows];
+  alignas(64) float good[kBlockRows];  ///< 1 if the row has a line
 };
 
 struct Job {

@@ -10,7 +10,6 @@
 #include <cstring>
 
 #include "acquisition/laser_line_kernels.h"
-#include "hwy/cache_control.h"
 #include "hwy/highway.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -23,6 +22,10 @@ using D8 = hn::CappedTag<std::uint8_t, 64>;
 using V8 = hn::VFromD<D8>;
 /// For frames too narrow for D8: 16 cells, the narrowest row allowed.
 using DNarrow = hn::CappedTag<std::uint8_t, 16>;
+
+/// The largest score of a line is over this many times the mean of the scores away from it; that of white noise is so
+/// in fewer than one row in 500.
+inline constexpr int kNoiseFactor = 22;
 
 /// Calls f(i) for i = 0, N, 2N ... and once more for the last N of `count`: no read or write beyond. @pre count >= N
 template <class F>
@@ -52,58 +55,57 @@ HWY_INLINE VI colour(DI di, VI y, VI u, VI v) {
   }
 }
 
-/// Luma and chroma of as many cells as D has lanes, from YUYV.
+/// Luma and chroma of cells, 16 bits.
 template <class V>
 struct YuvCells {
   V y, u, v;
 };
 
-template <class D, class V = hn::VFromD<D>>
-HWY_INLINE YuvCells<V> yuv_cells(D d, const std::uint8_t* bytes) {
+/// Of half as many cells as D has lanes, from YUYV. The pixels of a cell are Y0 U0 Y1 V0 Y2 U1 Y3 V1.
+template <class D>
+HWY_INLINE auto yuv_cells(D d, const std::uint8_t* bytes) {
+  const hn::RepartitionToWide<D> d16;
+  const hn::RepartitionToWide<decltype(d16)> d32;
+  const hn::RepartitionToWide<decltype(d32)> d64;
+  const hn::RebindToSigned<decltype(d16)> di;
   const auto lanes = hn::Lanes(d);
-  const auto raw = [&](std::size_t i) { return hn::LoadU(d, bytes + i * lanes); };
-  const auto luma = [&](std::size_t i) { return hn::ConcatEven(d, raw(2 * i + 1), raw(2 * i)); };
-  const auto chroma = [&](std::size_t i) { return hn::ConcatOdd(d, raw(2 * i + 1), raw(2 * i)); };  // U V U V
-  const auto chroma0 = chroma(0), chroma1 = chroma(1), chroma2 = chroma(2), chroma3 = chroma(3);
-  return {halve(d, halve(d, luma(0), luma(1)), halve(d, luma(2), luma(3))),
-          halve(d, hn::ConcatEven(d, chroma1, chroma0), hn::ConcatEven(d, chroma3, chroma2)),
-          halve(d, hn::ConcatOdd(d, chroma1, chroma0), hn::ConcatOdd(d, chroma3, chroma2))};
+  const auto folded = [&](std::size_t i) {  // Y0+Y2, U, Y1+Y3, V in the lower half of each 64 bits
+    const auto v = hn::LoadU(d, bytes + i * lanes);
+    return hn::BitCast(d32, hn::AverageRound(v, hn::BitCast(d, hn::ShiftRight<32>(hn::BitCast(d64, v)))));
+  };
+  const auto low = hn::BitCast(d16, hn::ConcatEven(d32, folded(1), folded(0)));
+  const auto high = hn::BitCast(d16, hn::ConcatEven(d32, folded(3), folded(2)));
+  const auto yu = hn::ConcatEven(d16, high, low), yv = hn::ConcatOdd(d16, high, low);
+  const auto y =
+      hn::And(hn::BitCast(d16, hn::AverageRound(hn::BitCast(d, yu), hn::BitCast(d, yv))), hn::Set(d16, 0xFF));
+  return YuvCells<hn::VFromD<decltype(di)>>{hn::BitCast(di, y), hn::BitCast(di, hn::ShiftRight<8>(yu)),
+                                            hn::BitCast(di, hn::ShiftRight<8>(yv))};
 }
 
 template <Signal kSignal, bool kSubtract, class D>
 HWY_INLINE void store_colour_cells(D d, const std::uint8_t* on, const std::uint8_t* off, std::uint8_t* out) {
   const hn::Half<D> half;
-  const hn::Rebind<std::int16_t, hn::Half<D>> di;
-  const auto widened = [&](const auto& cells, bool upper) {
-    const auto wide = [&](auto v) {
-      return hn::PromoteTo(di, upper ? hn::UpperHalf(half, v) : hn::LowerHalf(half, v));
-    };
-    return colour<kSignal>(di, wide(cells.y), wide(cells.u), wide(cells.v));
-  };
-  const auto lit = yuv_cells(d, on);
-  auto low = widened(lit, false), high = widened(lit, true);
-  if constexpr (kSubtract) {
-    const auto dark = yuv_cells(d, off);
-    low = hn::Sub(low, widened(dark, false));
-    high = hn::Sub(high, widened(dark, true));
+  const hn::Rebind<std::int16_t, decltype(half)> di;
+  const std::size_t lanes = hn::Lanes(d);
+  for (std::size_t side = 0; side < 2; ++side) {
+    const auto lit = yuv_cells(d, on + side * 4 * lanes);
+    auto value = colour<kSignal>(di, lit.y, lit.u, lit.v);
+    if constexpr (kSubtract) {
+      const auto dark = yuv_cells(d, off + side * 4 * lanes);
+      value = hn::Sub(value, colour<kSignal>(di, dark.y, dark.u, dark.v));
+    }
+    hn::StoreU(hn::DemoteTo(half, value), half, out + side * lanes / 2);
   }
-  hn::StoreU(hn::DemoteTo(half, low), half, out);
-  hn::StoreU(hn::DemoteTo(half, high), half, out + hn::Lanes(half));
 }
 
-/// One cell (mean signal) for each 4 pixels; the bytes at `next` (two rows ahead) are asked for while this row is read.
+/// One cell (mean signal) for each 4 pixels.
 template <Signal kSignal, bool kSubtract, class D>
-HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, std::ptrdiff_t next, int cell_count,
-                         std::uint8_t* cells) {
+HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, int cell_count, std::uint8_t* cells) {
   constexpr int kBytesPerCell = kSignal == Signal::grey ? 4 : 8;
   const int lanes = static_cast<int>(hn::Lanes(d));
   for_each_vector(cell_count, lanes, [&](int cell) {
     const std::uint8_t* lit = on + cell * kBytesPerCell;
     const std::uint8_t* dark = kSubtract ? off + cell * kBytesPerCell : nullptr;
-    for (int line = 0; line < lanes * kBytesPerCell; line += 64) {
-      hwy::Prefetch(lit + next + line);
-      if constexpr (kSubtract) hwy::Prefetch(dark + next + line);
-    }
     if constexpr (kSignal == Signal::grey || kSignal == Signal::yuyv_luma) {
       const auto bytes = [&](int i) {
         const auto v = hn::LoadU(d, lit + i * lanes);
@@ -127,15 +129,10 @@ HWY_INLINE int largest(V8 v) {
   return hn::GetLane(hn::MaxOfLanes(d, hn::Max(hn::And(pair, hn::Set(d, 0xFF)), hn::ShiftRight<8>(pair))));
 }
 
-struct CoarsePeak {
-  int score = 0;         ///< largest
-  int second_score = 0;  ///< largest further than 6 cells from it
-  int center_px = 0;
-};
-
 /// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
-/// does not. @pre cells[-kPaddingCells .. cell_count + kPaddingCells) can be written
-HWY_INLINE CoarsePeak coarse_peak(std::uint8_t* cells, std::uint8_t* scores, int cell_count, int minimum_score) {
+/// does not. Also a vector of which the largest lane is the largest score.
+/// @pre cells[-kPaddingCells .. cell_count + kPaddingCells) can be written
+HWY_INLINE void score_cells(std::uint8_t* cells, int cell_count, std::uint8_t* scores, std::uint8_t* highest_lanes) {
   const D8 d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   hn::StoreU(hn::Set(d, cells[0]), d, cells - lanes);
@@ -151,24 +148,68 @@ HWY_INLINE CoarsePeak coarse_peak(std::uint8_t* cells, std::uint8_t* scores, int
     hn::Store(score, d, scores + i);
     highest = hn::Max(highest, score);
   }
-  CoarsePeak peak;
-  peak.score = largest(highest);
-  if (peak.score < minimum_score) return peak;
-  const auto wanted = hn::Set(d, static_cast<std::uint8_t>(peak.score));
-  int cell = 0;
-  for (int i = 0; i < cell_count; i += lanes) {
+  hn::Store(highest, d, highest_lanes);
+}
+
+/// Vertex of the parabola through a score and its neighbours.
+struct Vertex {
+  float height = 0, offset_cells = 0;
+};
+
+HWY_INLINE Vertex vertex_of(int before, int score, int after) {
+  const float curvature = static_cast<float>(HWY_MAX(2 * score - before - after, 1));
+  const float lean = static_cast<float>(after - before);
+  return {static_cast<float>(score) + lean * lean / (8 * curvature), lean / (2 * curvature)};
+}
+
+struct CoarsePeak {
+  RowStatus status = RowStatus::no_line;
+  int center_px = 0;  ///< of status found, even
+};
+
+HWY_INLINE int first_cell_of(const std::uint8_t* scores, int cell_count, int score) {
+  const D8 d;
+  const auto wanted = hn::Set(d, static_cast<std::uint8_t>(score));
+  for (int i = 0; i < cell_count; i += static_cast<int>(hn::Lanes(d))) {
     const auto found = hn::FindFirstTrue(d, hn::Eq(hn::Load(d, scores + i), wanted));
-    if (found >= 0) {
-      cell = i + static_cast<int>(found);
-      break;
-    }
+    if (found >= 0) return i + static_cast<int>(found);
   }
-  std::memset(scores + cell - 6, 0, 13);
-  highest = hn::Zero(d);
-  for (int i = 0; i < cell_count; i += lanes) highest = hn::Max(highest, hn::Load(d, scores + i));
-  peak.second_score = largest(highest);
-  peak.center_px = 4 * cell + 4;
-  return peak;
+  return 0;
+}
+
+/// The line of a row of scores, unless there is none, two, or one that noise could have made.
+/// @pre scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
+HWY_INLINE CoarsePeak coarse_peak(std::uint8_t* scores, const std::uint8_t* highest_lanes, int cell_count,
+                                  const LaserLineOptions& options) {
+  constexpr int kBlankCells = 6;
+  const D8 d;
+  const hn::Repartition<std::uint64_t, D8> d64;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const int highest = largest(hn::Load(d, highest_lanes));
+  if (highest < options.minimum_contrast) return {};
+  const int cell = first_cell_of(scores, cell_count, highest);
+  scores[-1] = 0;  // the last cell's score is always 0: its right neighbours repeat it
+  const Vertex peak = vertex_of(scores[cell - 1], highest, scores[cell + 1]);
+  std::memset(scores + cell - kBlankCells, 0, 2 * kBlankCells + 1);
+  auto second_lanes = hn::Zero(d);
+  auto sum_lanes = hn::Zero(d64);
+  for (int i = 0; i < cell_count; i += lanes) {
+    const auto score = hn::Load(d, scores + i);
+    second_lanes = hn::Max(second_lanes, score);
+    sum_lanes = hn::Add(sum_lanes, hn::SumsOf8(score));
+  }
+  const int second = largest(second_lanes);
+  const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * peak.height;
+  // A vertex is at most an eighth of its score higher than the score.
+  if (static_cast<float>(second) * 1.125f > limit) {
+    const int at = first_cell_of(scores, cell_count, second);
+    if (vertex_of(scores[at - 1], second, scores[at + 1]).height > limit) return {RowStatus::ambiguous, 0};
+  }
+  const int blanked = HWY_MIN(cell + kBlankCells, cell_count - 1) - HWY_MAX(cell - kBlankCells, 0) + 1;
+  const auto sum = static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, sum_lanes)));
+  if (highest * (cell_count - blanked) < kNoiseFactor * sum) return {};
+  const int offset_px = 2 * (static_cast<int>(2 * peak.offset_cells + 16.5f) - 16);
+  return {RowStatus::found, 4 * cell + 4 + offset_px};
 }
 
 }  // namespace HWY_NAMESPACE

@@ -15,81 +15,28 @@ namespace celadon::line_kernels {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-using DF = hn::CappedTag<float, kBatchRows>;
+using DF = hn::CappedTag<float, kBlockRows>;
 using DI = hn::RebindToSigned<DF>;
 using DH = hn::Rebind<std::int16_t, DF>;             ///< as many 16-bit lanes as DF has
-using DW = hn::CappedTag<std::int16_t, kBatchRows>;  ///< as many rows as fit a vector
+using DW = hn::CappedTag<std::int16_t, kBlockRows>;  ///< as many rows as fit a vector
 using VF = hn::VFromD<DF>;
 using VW = hn::VFromD<DW>;
 
 inline constexpr int kMiddle = kWindowPx / 2;  ///< index of pixel k = 0 of the window
 inline constexpr int kReachPx = 28;            ///< pixels k = -28 .. 28 are looked at
 inline constexpr float kSmallestWidth = 0.5f, kLargestWidth = 6.5f;
-inline constexpr float kReachWidths = 3.3f;  ///< the model is fitted within this many widths
-inline constexpr int kPasses = 2;            ///< of Gauss-Newton
-inline constexpr int kBackgroundPx = 6;      ///< pixels of background on each side
+inline constexpr float kReachWidths = 3.3f;            ///< the model is fitted within this many widths
+inline constexpr float kWidthPerHeight = 1 / 2.3548f;  ///< standard deviation per full width at half height
+inline constexpr int kBackgroundPx = 6;                ///< pixels of background on each side
+/// Passes of Gauss-Newton; more where a flat top hides the amplitude.
+template <bool kMasked>
+constexpr int kPasses = kMasked ? 8 : 4;
 
-/// Slope of the cut at its pixels -8 .. 7, by 17 taps of the derivative of a Gaussian of 3 px; then the zero crossing
-/// nearest the coarse peak (which is centred at -0.5). False if there is none.
-HWY_INLINE bool zero_crossing(const std::int16_t* cut, float& x) {
-  const DW d;
-  constexpr int kCutMiddle = kCutPx / 2;
-  static constexpr std::int16_t kTaps[8] = {11, 18, 21, 19, 14, 9, 5, 3};  // sum 100: no overflow for -64..255
-  alignas(64) std::int16_t slope[16];
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  std::uint32_t positive = 0;
-  for (int i = 0; i < 16; i += lanes) {
-    const std::int16_t* at = cut + kCutMiddle - 8 + i;
-    auto sum = hn::Zero(d);
-    for (int tap = 1; tap <= 8; ++tap) {
-      const auto difference = hn::Sub(hn::LoadU(d, at + tap), hn::LoadU(d, at - tap));
-      sum = hn::Add(sum, hn::Mul(difference, hn::Set(d, kTaps[tap - 1])));
-    }
-    hn::Store(sum, d, slope + i);
-    std::uint8_t bits[8] = {};
-    hn::StoreMaskBits(d, hn::Gt(sum, hn::Zero(d)), bits);
-    positive |= (bits[0] | static_cast<std::uint32_t>(bits[1]) << 8) << i;
-  }
-  const std::uint32_t crossings = positive & ~(positive >> 1) & 0x7FFF;  // bit i: between i and i + 1
-  if (crossings == 0) return false;
-  const std::uint32_t right = crossings & 0x7F80, left = crossings & 0x007F;
-  int best = right != 0 ? static_cast<int>(hwy::Num0BitsBelowLS1Bit_Nonzero32(right)) : 100;
-  if (left != 0) {
-    const int nearest_left = 31 - static_cast<int>(hwy::Num0BitsAboveMS1Bit_Nonzero32(left));
-    if (7 - nearest_left < best - 7) best = nearest_left;
-  }
-  const float before = slope[best], after = slope[best + 1];
-  x = static_cast<float>(best - 8) + before / (before - after);
-  return true;
-}
+/// The width is known to about a seventh beforehand: that holds faint and speckled rows together.
+inline constexpr float kWidthInformation = 50;
 
-/// out[pixel][row] = in[row][first[row] + pixel], 8 rows and 8 pixels at a time.
-HWY_INLINE void transpose_windows(const std::int16_t (*in)[kCutPx], const int* first, std::int16_t (*out)[kBatchRows]) {
-  const hn::CappedTag<std::int16_t, 8> d;
-  const hn::RepartitionToWide<decltype(d)> d32;
-  const hn::RepartitionToWide<decltype(d32)> d64;
-  for (int row = 0; row < kBatchRows; row += 8) {
-    for (int px = 0; px < kWindowPx; px += 8) {
-      const auto load = [&](int i) { return hn::LoadU(d, in[row + i] + first[row + i] + px); };
-      const auto low16 = [&](auto a, auto b) { return hn::BitCast(d32, hn::InterleaveLower(d, a, b)); };
-      const auto high16 = [&](auto a, auto b) { return hn::BitCast(d32, hn::InterleaveUpper(d, a, b)); };
-      const auto low32 = [&](auto a, auto b) { return hn::BitCast(d64, hn::InterleaveLower(d32, a, b)); };
-      const auto high32 = [&](auto a, auto b) { return hn::BitCast(d64, hn::InterleaveUpper(d32, a, b)); };
-      const auto r0 = load(0), r1 = load(1), r2 = load(2), r3 = load(3);
-      const auto r4 = load(4), r5 = load(5), r6 = load(6), r7 = load(7);
-      const auto a0 = low16(r0, r1), a1 = low16(r2, r3), a2 = low16(r4, r5), a3 = low16(r6, r7);
-      const auto b0 = high16(r0, r1), b1 = high16(r2, r3), b2 = high16(r4, r5), b3 = high16(r6, r7);
-      const auto store = [&](int i, auto a, auto b) {
-        hn::Store(hn::BitCast(d, hn::InterleaveLower(d64, a, b)), d, out[px + i] + row);
-        hn::Store(hn::BitCast(d, hn::InterleaveUpper(d64, a, b)), d, out[px + i + 1] + row);
-      };
-      store(0, low32(a0, a1), low32(a2, a3));
-      store(2, high32(a0, a1), high32(a2, a3));
-      store(4, low32(b0, b1), low32(b2, b3));
-      store(6, high32(b0, b1), high32(b2, b3));
-    }
-  }
-}
+/// Derivative of a Gaussian of 3 px, positive half. Sum 100: no overflow for -64..255.
+inline constexpr std::int16_t kTaps[9] = {0, 11, 18, 21, 19, 14, 9, 5, 3};
 
 HWY_INLINE VF to_float(hn::VFromD<DH> v) {
   return hn::ConvertTo(DF(), hn::PromoteTo(DI(), v));
@@ -101,21 +48,74 @@ HWY_INLINE VF clamp(VF v, VF low, VF high) {
   return hn::Min(hn::Max(v, low), high);
 }
 
-/// What is first known of each row, 16-bit: sums of the background pixels of both sides and of their distances, the
-/// light of the three middle pixels, the number of pixels above half of it.
+/// What is first known of each row, 16-bit.
 struct Preliminary {
-  alignas(64) std::int16_t sum[2][kBatchRows], distance[2][kBatchRows], count[2][kBatchRows];
-  alignas(64) std::int16_t near[kBatchRows];  ///< background begins beyond this distance
-  alignas(64) std::int16_t half[kBatchRows];  ///< half height
-  alignas(64) std::int16_t above[kBatchRows];
+  alignas(64) std::int16_t before[kBlockRows], after[kBlockRows];  ///< slopes on both sides of the zero crossing
+  alignas(64) std::int16_t crossing[kBlockRows];  ///< the pixel before it, -6 .. 4; kNoCrossing if there is none
+  alignas(64) std::int16_t light[kBlockRows];     ///< sum of the three pixels about it
+  alignas(64) std::int16_t near[kBlockRows];      ///< background begins beyond this distance
+  alignas(64) std::int16_t sum[2][kBlockRows], distance[2][kBlockRows], count[2][kBlockRows];  ///< background by side
+  alignas(64) std::int16_t half[kBlockRows];                                                   ///< half height
+  alignas(64) std::int16_t above[kBlockRows], moment[kBlockRows];  ///< pixels above it: count and sum of k
+  alignas(64) std::int16_t flat[kBlockRows];                       ///< those of them that cannot be used
 };
+inline constexpr std::int16_t kNoCrossing = 100;
+
+/// Zero crossing nearest the middle of the convolution with the derivative of a Gaussian, at pixels -6 .. 5.
+HWY_INLINE void find_crossings(const Scratch& s, Preliminary& p) {
+  const DW d;
+  for (int row = 0; row < kBlockRows; row += static_cast<int>(hn::Lanes(d))) {
+    const auto at = [&](int k) HWY_ATTR { return hn::Load(d, s.signal[kMiddle + k] + row); };
+    const auto slope_at = [&](int k) HWY_ATTR {
+      auto sum = hn::Zero(d);
+      for (int tap = 1; tap <= 8; ++tap) {
+        sum = hn::Add(sum, hn::Mul(hn::Sub(at(k + tap), at(k - tap)), hn::Set(d, kTaps[tap])));
+      }
+      return sum;
+    };
+    const auto zero = hn::Zero(d);
+    auto before = zero, after = zero, crossing = hn::Set(d, kNoCrossing), light = zero;
+    auto distance = hn::Set(d, kNoCrossing);
+    auto right = slope_at(5);
+    for (int k = 4; k >= -6; --k) {  // from the right: at equal distance the right one is kept
+      const auto left = slope_at(k);
+      const auto here = hn::Set(d, static_cast<std::int16_t>(2 * k + 1 < 0 ? -2 * k - 1 : 2 * k + 1));
+      const auto nearer = hn::And(hn::Lt(here, distance), hn::AndNot(hn::Gt(right, zero), hn::Gt(left, zero)));
+      const auto sum =
+          hn::Add(hn::Add(at(k), at(k + 1)), hn::IfThenElse(hn::Gt(hn::Add(left, right), zero), at(k + 2), at(k - 1)));
+      distance = hn::IfThenElse(nearer, here, distance);
+      before = hn::IfThenElse(nearer, left, before);
+      after = hn::IfThenElse(nearer, right, after);
+      crossing = hn::IfThenElse(nearer, hn::Set(d, static_cast<std::int16_t>(k)), crossing);
+      light = hn::IfThenElse(nearer, sum, light);
+      right = left;
+    }
+    hn::Store(before, d, p.before + row);
+    hn::Store(after, d, p.after + row);
+    hn::Store(crossing, d, p.crossing + row);
+    hn::Store(light, d, p.light + row);
+  }
+}
+
+/// A flat top has no zero crossing to be trusted: in its place three times the largest signal near the middle.
+HWY_INLINE void find_tops(const Scratch& s, Preliminary& p) {
+  const DW d;
+  for (int row = 0; row < kBlockRows; row += static_cast<int>(hn::Lanes(d))) {
+    auto top = hn::Zero(d);
+    for (int k = -4; k <= 4; ++k) top = hn::Max(top, hn::Load(d, s.signal[kMiddle + k] + row));
+    hn::Store(hn::Add(top, hn::Add(top, top)), d, p.light + row);
+    hn::Store(hn::Zero(d), d, p.before + row);
+    hn::Store(hn::Zero(d), d, p.after + row);
+    hn::Store(hn::Zero(d), d, p.crossing + row);
+  }
+}
 
 /// Sums over near < |k| <= near + kBackgroundPx.
 template <bool kMasked>
 HWY_INLINE void sum_background(const Scratch& s, Preliminary& p) {
   const DW d;
   const auto zero = hn::Zero(d);
-  for (int row = 0; row < kBatchRows; row += static_cast<int>(hn::Lanes(d))) {
+  for (int row = 0; row < kBlockRows; row += static_cast<int>(hn::Lanes(d))) {
     const auto near = hn::Load(d, p.near + row), far = hn::Add(near, hn::Set(d, kBackgroundPx));
     VW sum[2] = {zero, zero}, distance[2] = {zero, zero}, count[2] = {zero, zero};
     const int first = hn::GetLane(hn::MinOfLanes(d, near)) + 1, last = hn::GetLane(hn::MaxOfLanes(d, far));
@@ -125,7 +125,7 @@ HWY_INLINE void sum_background(const Scratch& s, Preliminary& p) {
       for (int side = 0; side < 2; ++side) {
         const int pixel = kMiddle + (side == 0 ? -k : k);
         auto used = inside;
-        if constexpr (kMasked) used = hn::And(used, hn::Load(d, s.usable[pixel] + row));
+        if constexpr (kMasked) used = hn::And(used, hn::Load(d, s.usable_signal[pixel] + row));
         sum[side] = hn::Add(sum[side], hn::And(used, hn::Load(d, s.signal[pixel] + row)));
         distance[side] = hn::Add(distance[side], hn::And(used, at));
         count[side] = hn::Sub(count[side], used);
@@ -139,16 +139,25 @@ HWY_INLINE void sum_background(const Scratch& s, Preliminary& p) {
   }
 }
 
-/// Pixels within 10 of the middle that are above half height.
+/// Pixels about the middle that are above half height.
+template <bool kMasked>
 HWY_INLINE void count_above_half(const Scratch& s, Preliminary& p) {
+  constexpr int kFar = kMasked ? 20 : 10;
   const DW d;
-  for (int row = 0; row < kBatchRows; row += static_cast<int>(hn::Lanes(d))) {
+  for (int row = 0; row < kBlockRows; row += static_cast<int>(hn::Lanes(d))) {
     const auto half = hn::Load(d, p.half + row);
-    auto above = hn::Zero(d);
-    for (int k = -10; k <= 10; ++k) {
-      above = hn::Sub(above, hn::VecFromMask(d, hn::Gt(hn::Load(d, s.signal[kMiddle + k] + row), half)));
+    auto above = hn::Zero(d), moment = hn::Zero(d), flat = hn::Zero(d);
+    for (int k = -kFar; k <= kFar; ++k) {
+      const auto is_above = hn::VecFromMask(d, hn::Gt(hn::Load(d, s.signal[kMiddle + k] + row), half));
+      above = hn::Sub(above, is_above);
+      moment = hn::Add(moment, hn::And(is_above, hn::Set(d, static_cast<std::int16_t>(k))));
+      if constexpr (kMasked) {
+        flat = hn::Sub(flat, hn::AndNot(hn::Load(d, s.usable_signal[kMiddle + k] + row), is_above));
+      }
     }
     hn::Store(above, d, p.above + row);
+    hn::Store(moment, d, p.moment + row);
+    hn::Store(flat, d, p.flat + row);
   }
 }
 
@@ -236,26 +245,28 @@ HWY_INLINE VF variance(const NoiseModel& noise, VF light) {
   return hn::MulAdd(light, hn::MulAdd(light, noise.speckle, noise.shot), noise.ambient);
 }
 
-/// Information and gradient in (x / s, ln A, ln s): derivatives of the light L are L u, L and L u^2.
+/// Information and gradient in (x / s, ln A, ln s): derivatives of the light L are L u, L and L u^2. With p the
+/// information of a pixel on ln A, and z its residual over its noise: sums of p (z^2 - 1) and of p^2.
 struct Normal {
   VF aa, xx, ss, rx, ra, rs;  ///< the entry of (ln A, ln s) equals xx
   VF xa, xs;                  ///< zero by symmetry unless pixels are missing
+  VF excess, weight;
 };
 
 template <bool kMasked>
-HWY_INLINE Normal normal_sums(const Scratch& s, int lane, const LineModel& m, const Background& b,
-                              const NoiseModel& noise) {
+HWY_INLINE Normal normal_sums(const Scratch& s, int lane, const LineModel& m, const NoiseModel& noise) {
   const DF d;
-  const auto zero = hn::Zero(d);
-  Normal n{zero, zero, zero, zero, zero, zero, zero, zero};
+  const auto zero = hn::Zero(d), reach2 = hn::Set(d, kReachWidths * kReachWidths);
+  const auto level_0 = hn::Load(d, s.level + lane), slope = hn::Load(d, s.slope + lane);
+  Normal n{zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
   const auto extent = hn::MulAdd(m.width, hn::Set(d, kReachWidths), hn::Abs(m.x));
   const int reach = HWY_MIN(kReachPx, static_cast<int>(hn::GetLane(hn::MaxOfLanes(d, extent))));
   for_each_pixel(m, reach, [&](int k, VF light, VF u) HWY_ATTR {
-    auto t = hn::Div(light, variance(noise, light));  // weight times light
-    if constexpr (kMasked) t = hn::Mul(t, hn::Neg(load_float(s.usable[kMiddle + k] + lane)));
-    const auto level = hn::MulAdd(b.slope, hn::Set(d, static_cast<float>(k)), b.level);
-    const auto residual = hn::Sub(hn::Sub(load_float(s.signal[kMiddle + k] + lane), level), light);
     const auto u2 = hn::Mul(u, u);
+    auto t = hn::IfThenElseZero(hn::Le(u2, reach2), hn::Div(light, variance(noise, light)));  // weight times light
+    if constexpr (kMasked) t = hn::Mul(t, hn::Neg(load_float(s.usable_signal[kMiddle + k] + lane)));
+    const auto level = hn::MulAdd(slope, hn::Set(d, static_cast<float>(k)), level_0);
+    const auto residual = hn::Sub(hn::Sub(load_float(s.signal[kMiddle + k] + lane), level), light);
     const auto aa = hn::Mul(t, light), xx = hn::Mul(aa, u2);
     n.aa = hn::Add(n.aa, aa);
     n.xx = hn::Add(n.xx, xx);
@@ -264,11 +275,14 @@ HWY_INLINE Normal normal_sums(const Scratch& s, int lane, const LineModel& m, co
     n.ra = hn::Add(n.ra, ra);
     n.rx = hn::Add(n.rx, rx);
     n.rs = hn::MulAdd(rx, u, n.rs);
+    n.excess = hn::MulAdd(ra, ra, n.excess);
+    n.weight = hn::MulAdd(aa, aa, n.weight);
     if constexpr (kMasked) {
       n.xa = hn::MulAdd(aa, u, n.xa);
       n.xs = hn::MulAdd(xx, u, n.xs);
     }
   });
+  n.excess = hn::Sub(n.excess, n.aa);
   return n;
 }
 
@@ -307,97 +321,181 @@ HWY_INLINE Step solve(const Normal& n) {
 HWY_INLINE VF zero_crossing_variance(const LineModel& m, const NoiseModel& noise) {
   const DF d;
   auto square = hn::Zero(d), response = hn::Zero(d);
-  static constexpr float kTaps[9] = {0, 11, 18, 21, 19, 14, 9, 5, 3};
   const auto inverse_width = hn::Div(hn::Set(d, 1.f), m.width);
   for_each_pixel(m, 8, [&](int k, VF light, VF u) HWY_ATTR {
-    const auto h = hn::Set(d, k < 0 ? -kTaps[-k] : kTaps[k]);
+    const auto h = hn::Set(d, static_cast<float>(k < 0 ? -kTaps[-k] : kTaps[k]));
     square = hn::MulAdd(hn::Mul(h, h), variance(noise, light), square);
     response = hn::MulAdd(hn::Mul(h, light), hn::Mul(u, inverse_width), response);
   });
   return hn::Div(square, hn::Max(hn::Mul(response, response), hn::Set(d, 1e-6f)));
 }
 
-/// Refines some rows of the batch in place: s.x, s.sigma, s.amplitude, s.width; s.good is cleared where no line is
-/// left.
-template <bool kMasked, bool kQuasiMl>
-HWY_INLINE void refine_lanes(Scratch& s, const Preliminary& p, int lane, const LaserLineOptions& options) {
-  const DF d;
-  const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
-  const Background b = background_of(p, lane);
-  const auto ambient = hn::Load(d, s.ambient_variance + lane);
-  const NoiseModel noise{ambient, set(1.f / options.electrons_per_level),
-                         set(options.speckle_contrast * options.speckle_contrast * options.speckle_extent_px)};
-  const auto x_start = hn::Load(d, s.x + lane);
-  const auto light = hn::Add(hn::Add(load_float(s.signal[kMiddle - 1] + lane), load_float(s.signal[kMiddle] + lane)),
-                             load_float(s.signal[kMiddle + 1] + lane));
-  const auto width_start =
-      clamp(hn::Mul(load_float(p.above + lane), set(1 / 2.3548f)), set(kSmallestWidth), set(kLargestWidth));
-  LineModel m{x_start, hn::Max(hn::Sub(hn::Mul(light, set(1.f / 3)), b.level), set(1.f)), width_start};
-  VF variance_x;
-  if constexpr (kQuasiMl) {
-    for (int pass = 0; pass < kPasses; ++pass) {
-      Normal n = normal_sums<kMasked>(s, lane, m, b, noise);
-      // The width is known to about a third beforehand: that holds faint rows together.
-      n.ss = hn::Add(n.ss, set(9.f));
-      n.rs = hn::MulAdd(set(9.f), hn::Sub(hn::Div(width_start, m.width), set(1.f)), n.rs);
-      n.xx = hn::Add(n.xx, set(1e-3f));
-      const Step step = solve<kMasked>(n);
-      variance_x = hn::Mul(step.x_variance, hn::Mul(m.width, m.width));
-      m.x = clamp(hn::MulAdd(m.width, clamp(step.x, set(-0.6f), set(0.6f)), m.x), set(-4.f), set(4.f));
-      m.amplitude = hn::MulAdd(m.amplitude, clamp(step.a, set(-0.5f), set(1.f)), m.amplitude);
-      m.width = clamp(hn::MulAdd(m.width, clamp(step.s, set(-0.3f), set(0.3f)), m.width), set(kSmallestWidth),
-                      set(kLargestWidth));
-    }
-    // What the background's slope leaves unknown shifts x by 2.83 s^2 / A for each unit of it.
-    const auto lever = hn::Div(hn::Mul(set(2.83f), hn::Mul(m.width, m.width)), m.amplitude);
-    variance_x = hn::MulAdd(hn::Mul(lever, lever), hn::Div(ambient, b.slope_information), variance_x);
-  } else {
-    variance_x = zero_crossing_variance(m, noise);
-  }
-  // Gone astray: further from the zero crossing than the two methods can differ on one line.
-  auto good = hn::Le(hn::Abs(hn::Sub(m.x, x_start)), hn::Max(set(3.f), m.width));
-  // Not a line: light that noise could have made, were position and width known (speckle makes no light).
-  const auto light_information = hn::Div(hn::Mul(hn::Mul(m.amplitude, m.amplitude), hn::Mul(m.width, set(1.7725f))),
-                                         hn::MulAdd(noise.shot, m.amplitude, ambient));
-  good = hn::And(good, hn::Gt(light_information, set(25.f)));
-  hn::Store(m.x, d, s.x + lane);
-  hn::Store(hn::Sqrt(variance_x), d, s.sigma + lane);
-  hn::Store(m.amplitude, d, s.amplitude + lane);
-  hn::Store(m.width, d, s.width + lane);
-  hn::Store(hn::IfThenElseZero(good, set(1.f)), d, s.good + lane);
-}
-
-template <bool kMasked, bool kQuasiMl>
-HWY_INLINE void refine_batch(Scratch& s, const LaserLineOptions& options) {
+/// Level, start and width of each row, from sums of 16-bit pixels.
+template <bool kMasked>
+HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
   const DF d;
   Preliminary p;
+  const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   const int lanes = static_cast<int>(hn::Lanes(d));
-  for (int row = 0; row < kBatchRows; ++row) p.near[row] = 13;
+  if constexpr (kMasked) {
+    find_tops(s, p);
+  } else {
+    find_crossings(s, p);
+  }
+  for (int row = 0; row < kBlockRows; ++row) p.near[row] = 13;
   sum_background<kMasked>(s, p);
-  for (int lane = 0; lane < kBatchRows; lane += lanes) {
-    const auto level = background_of(p, lane).level;
-    const auto light = hn::Add(hn::Add(load_float(s.signal[kMiddle - 1] + lane), load_float(s.signal[kMiddle] + lane)),
-                               load_float(s.signal[kMiddle + 1] + lane));
-    const auto half = hn::Mul(hn::Set(d, 0.5f), hn::MulAdd(light, hn::Set(d, 1.f / 3), level));
+  for (int lane = 0; lane < kBlockRows; lane += lanes) {
+    const auto light = hn::MulAdd(load_float(p.light + lane), set(1.f / 3), background_of(p, lane).level);
+    // Away from ties, so that every target rounds alike.
+    const auto half = hn::MulSub(set(0.5f), light, set(0.29f));
     hn::Store(hn::DemoteTo(DH(), hn::NearestInt(half)), DH(), p.half + lane);
   }
-  count_above_half(s, p);
-  for (int lane = 0; lane < kBatchRows; lane += lanes) {
-    const auto reach = hn::MulAdd(load_float(p.above + lane), hn::Set(d, kReachWidths / 2.3548f), hn::Set(d, 1.f));
-    const auto near = clamp(reach, hn::Set(d, 3.f), hn::Set(d, static_cast<float>(kReachPx - kBackgroundPx)));
+  count_above_half<kMasked>(s, p);
+  for (int lane = 0; lane < kBlockRows; lane += lanes) {
+    const auto before = load_float(p.before + lane), after = load_float(p.after + lane);
+    const auto above = load_float(p.above + lane), crossing = load_float(p.crossing + lane);
+    auto x = hn::Add(crossing, hn::Div(before, hn::Max(hn::Sub(before, after), set(1.f))));
+    auto good = hn::Lt(crossing, set(static_cast<float>(kNoCrossing)));
+    auto width = hn::Mul(above, set(kWidthPerHeight));
+    auto growth = set(1.f);
+    const auto middle = hn::Div(load_float(p.moment + lane), hn::Max(above, set(1.f)));
+    if (kMasked || quasi_ml) x = middle;
+    if constexpr (kMasked) {  // the ends of a flat top tell width and amplitude
+      good = hn::Gt(above, hn::Zero(d));
+      const auto flat = load_float(p.flat + lane), flat2 = hn::Mul(flat, flat);
+      // The counts are whole: at least one pixel of the flanks is above half height.
+      const auto width2 = hn::Mul(hn::Max(hn::MulSub(above, above, flat2), hn::Add(above, above)),
+                                  set(kWidthPerHeight * kWidthPerHeight));
+      width = hn::Sqrt(width2);
+      growth = exp_of(hn::Min(hn::Div(flat2, hn::Mul(set(8.f), width2)), set(4.f)));
+    }
+    x = clamp(x, set(-10.f), set(10.f));
+    width = clamp(width, set(kSmallestWidth), set(kLargestWidth));
+    const auto near = clamp(hn::Add(hn::MulAdd(width, set(kReachWidths), set(1.f)), hn::Abs(x)), set(3.f),
+                            set(static_cast<float>(kReachPx - kBackgroundPx)));
     hn::Store(hn::DemoteTo(DH(), hn::NearestInt(near)), DH(), p.near + lane);
+    hn::Store(x, d, s.x_start + lane);
+    hn::Store(x, d, s.x + lane);
+    hn::Store(width, d, s.width_start + lane);
+    hn::Store(width, d, s.width + lane);
+    hn::Store(growth, d, s.amplitude + lane);
+    hn::Store(hn::IfThenElseZero(good, set(1.f)), d, s.good + lane);
   }
   sum_background<kMasked>(s, p);
-  for (int lane = 0; lane < kBatchRows; lane += lanes) refine_lanes<kMasked, kQuasiMl>(s, p, lane, options);
+  for (int lane = 0; lane < kBlockRows; lane += lanes) {
+    const Background b = background_of(p, lane);
+    const auto light = hn::Sub(hn::Mul(load_float(p.light + lane), set(1.f / 3)), b.level);
+    hn::Store(b.level, d, s.level + lane);
+    hn::Store(b.slope, d, s.slope + lane);
+    hn::Store(b.slope_information, d, s.slope_information + lane);
+    hn::Store(hn::Mul(hn::Load(d, s.amplitude + lane), hn::Max(light, set(1.f))), d, s.amplitude + lane);
+  }
 }
 
-/// Refines the batch in place.
-HWY_INLINE void refine(Scratch& s, const LaserLineOptions& options) {
+HWY_INLINE NoiseModel noise_of(const Scratch& s, int lane, const LaserLineOptions& options, float speckle) {
+  const DF d;
+  return {hn::Load(d, s.ambient_variance + lane), hn::Set(d, 1 / options.electrons_per_level), hn::Set(d, speckle)};
+}
+
+HWY_INLINE LineModel model_of(const Scratch& s, int lane) {
+  const DF d;
+  return {hn::Load(d, s.x + lane), hn::Load(d, s.amplitude + lane), hn::Load(d, s.width + lane)};
+}
+
+/// One pass of Gauss-Newton over the block, and what each row says of the speckle.
+template <bool kMasked>
+HWY_INLINE void improve(Scratch& s, const LaserLineOptions& options, float speckle) {
+  const DF d;
+  const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
+  for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
+    LineModel m = model_of(s, lane);
+    Normal n = normal_sums<kMasked>(s, lane, m, noise_of(s, lane, options, speckle));
+    // Position, amplitude and width take up a share of the noise.
+    const auto taken = hn::Div(hn::Mul(set(3.f), n.weight), hn::Max(n.aa, set(1e-6f)));
+    hn::Store(hn::Add(n.excess, taken), d, s.speckle_excess + lane);
+    hn::Store(n.weight, d, s.speckle_weight + lane);
+    n.ss = hn::Add(n.ss, set(kWidthInformation));
+    n.rs = hn::MulAdd(set(kWidthInformation), hn::Sub(hn::Div(hn::Load(d, s.width_start + lane), m.width), set(1.f)),
+                      n.rs);
+    n.xx = hn::Add(n.xx, set(1e-3f));
+    const Step step = solve<kMasked>(n);
+    hn::Store(hn::Mul(step.x_variance, hn::Mul(m.width, m.width)), d, s.variance_x + lane);
+    m.x = clamp(hn::MulAdd(m.width, clamp(step.x, set(-0.6f), set(0.6f)), m.x), set(-12.f), set(12.f));
+    m.amplitude = hn::MulAdd(m.amplitude, clamp(step.a, set(-0.5f), set(1.f)), m.amplitude);
+    m.width = clamp(hn::MulAdd(m.width, clamp(step.s, set(-0.3f), set(0.3f)), m.width), set(kSmallestWidth),
+                    set(kLargestWidth));
+    hn::Store(m.x, d, s.x + lane);
+    hn::Store(m.amplitude, d, s.amplitude + lane);
+    hn::Store(m.width, d, s.width + lane);
+  }
+}
+
+/// Speckle (variance over squared light, times its extent) that the rows of this kind show; the options count for one
+/// row.
+HWY_INLINE float pooled_speckle(const Scratch& s, WindowKind kind, const LaserLineOptions& options, float assumed) {
+  const float expected = options.speckle_contrast * options.speckle_contrast * options.speckle_extent_px;
+  float excess = 0, weight = 0, rows = 0;
+  for (int i = 0; i < kBlockRows; ++i) {
+    if (s.kind[i] != kind || !(s.good[i] > 0)) continue;
+    excess += s.speckle_excess[i];
+    weight += s.speckle_weight[i];
+    ++rows;
+  }
+  if (!(weight > 0)) return expected;
+  const float shown = options.speckle_extent_px * HWY_MAX(assumed + excess / weight, 0.f);
+  return (rows * HWY_MIN(shown, 1.f) + expected) / (rows + 1);
+}
+
+/// Widths change slowly along a line: each row begins half way between what it shows alone and the mean of its block.
+HWY_INLINE void pool_widths(Scratch& s, WindowKind kind) {
+  float sum = 0, rows = 0;
+  for (int i = 0; i < kBlockRows; ++i) {
+    if (s.kind[i] != kind || !(s.good[i] > 0)) continue;
+    sum += s.width_start[i];
+    ++rows;
+  }
+  const float mean = sum / HWY_MAX(rows, 1.f);
+  for (int i = 0; i < kBlockRows; ++i) {
+    s.width_start[i] = 0.5f * (s.width_start[i] + mean);
+    s.width[i] = s.width_start[i];
+  }
+}
+
+/// Refines the rows of the block that are of one kind, in place; s.good is cleared where no line is left.
+template <bool kMasked>
+HWY_INLINE void refine_block(Scratch& s, const LaserLineOptions& options) {
+  const DF d;
+  const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   const bool quasi_ml = options.refinement == LineRefinement::quasi_maximum_likelihood;
-  if (s.masked) {
-    quasi_ml ? refine_batch<true, true>(s, options) : refine_batch<true, false>(s, options);
-  } else {
-    quasi_ml ? refine_batch<false, true>(s, options) : refine_batch<false, false>(s, options);
+  float speckle = options.speckle_contrast * options.speckle_contrast * options.speckle_extent_px;
+  constexpr WindowKind kKind = kMasked ? WindowKind::partial : WindowKind::whole;
+  prepare<kMasked>(s, quasi_ml);
+  pool_widths(s, kKind);
+  for (int pass = 0; pass < kPasses<kMasked> && quasi_ml; ++pass) {
+    if (pass + 1 == kPasses<kMasked>) speckle = pooled_speckle(s, kKind, options, speckle);
+    improve<kMasked>(s, options, speckle);
+  }
+  for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
+    const LineModel m = model_of(s, lane);
+    const NoiseModel noise = noise_of(s, lane, options, speckle);
+    auto variance_x = hn::Load(d, s.variance_x + lane);
+    if (quasi_ml) {
+      // What the background's slope leaves unknown shifts x by 2.83 s^2 / A for each unit of it.
+      const auto lever = hn::Div(hn::Mul(set(2.83f), hn::Mul(m.width, m.width)), m.amplitude);
+      variance_x = hn::MulAdd(hn::Mul(lever, lever), hn::Div(noise.ambient, hn::Load(d, s.slope_information + lane)),
+                              variance_x);
+    } else {
+      variance_x = zero_crossing_variance(m, noise);
+    }
+    // Gone astray: further from where it began than the two methods can differ on one line.
+    auto good = hn::Gt(hn::Load(d, s.good + lane), hn::Zero(d));
+    good = hn::And(good, hn::Le(hn::Abs(hn::Sub(m.x, hn::Load(d, s.x_start + lane))), hn::Max(set(3.f), m.width)));
+    // Not a line: light that noise could have made, were position and width known (speckle makes no light).
+    const auto light_information = hn::Div(hn::Mul(hn::Mul(m.amplitude, m.amplitude), hn::Mul(m.width, set(1.7725f))),
+                                           hn::MulAdd(noise.shot, m.amplitude, noise.ambient));
+    good = hn::And(good, hn::And(hn::Gt(light_information, set(25.f)), hn::Gt(variance_x, hn::Zero(d))));
+    hn::Store(variance_x, d, s.variance_x + lane);
+    hn::Store(hn::IfThenElseZero(good, set(1.f)), d, s.good + lane);
   }
 }
 

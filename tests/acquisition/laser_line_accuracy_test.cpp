@@ -61,6 +61,17 @@ TEST(LaserLineAccuracy, NominalSceneMeetsItsBar) {
   }
 }
 
+TEST(LaserLineAccuracy, DefaultsServeTheNominalSceneToo) {
+  Scores scores;
+  for (unsigned seed = 7; seed <= 10; ++seed) {
+    score(synthetic::scan_frame(1280, 1024, synthetic::nominal_scene(), seed), true, {}, scores);
+  }
+  EXPECT_LE(scores.rows.rms(), 0.27);
+  EXPECT_LE(scores.rows.outlier_percent(), 0.05);
+  EXPECT_LE(scores.rows.miss_percent(), 0.1);
+  EXPECT_NEAR(scores.rows.pull(), 1, 0.2);
+}
+
 // sigma_x = (1 / SNR) sqrt(2 sigma / sqrt(pi)): the Cramer-Rao bound for additive noise.
 TEST(LaserLineAccuracy, AdditiveNoiseStaysNearTheCramerRaoBound) {
   for (const auto refinement : {LineRefinement::quasi_maximum_likelihood, LineRefinement::zero_crossing}) {
@@ -84,6 +95,60 @@ TEST(LaserLineAccuracy, AdditiveNoiseStaysNearTheCramerRaoBound) {
       EXPECT_GE(scores.rows.rms(), 0.93 * bound) << "better than possible: the test is wrong";
       EXPECT_NEAR(scores.rows.pull(), 1, 0.1);
       EXPECT_EQ(scores.rows.outliers + scores.rows.missed, 0);
+    }
+  }
+}
+
+// Mean error over seeds. The standard error of each mean is a quarter of the bar or less.
+TEST(LaserLineAccuracy, NoBiasBySlopeWidthOrBrightness) {
+  struct Case {
+    double slope, width, amplitude;
+  };
+  for (const Case c : {Case{0, 1.2, 110},
+                       {0, 3, 110},
+                       {0, 5, 110},
+                       {0.5, 3, 110},
+                       {-0.5, 3, 110},
+                       {1.5, 2, 110},
+                       {-1.5, 2, 110},
+                       {0.1, 3, 40},
+                       {0.1, 3, 200},
+                       {0.1, 3, 400}}) {
+    auto scene = synthetic::nominal_scene();
+    scene.amplitude = c.amplitude;
+    Scores alone, difference;
+    for (unsigned seed = 1; seed <= 12; ++seed) {
+      const double start = c.slope < 0 ? 450 : 60;
+      const auto picture = synthetic::straight_line(512, 250, start + 0.83 * seed, c.slope, c.width, scene, seed);
+      score(picture, false, options_for(scene), alone);
+      score(picture, true, options_for(scene), difference);
+    }
+    std::printf(
+        "slope %4.1f width %.1f amplitude %3.0f: bias %+.4f %+.4f px, spread %.3f %.3f px, spread/stated %.2f %.2f\n",
+        c.slope, c.width, c.amplitude, alone.rows.mean(), difference.rows.mean(), alone.rows.rms(),
+        difference.rows.rms(), alone.rows.pull(), difference.rows.pull());
+    EXPECT_LE(std::abs(alone.rows.mean()), 0.02);
+    EXPECT_LE(std::abs(difference.rows.mean()), 0.02);
+    EXPECT_LE(alone.rows.outlier_percent() + alone.rows.miss_percent(), 0.1);
+  }
+}
+
+// Where the reflectance changes across the line, every row method is drawn to the bright side; this bounds by how much.
+TEST(LaserLineAccuracy, ReflectanceEdgeDrawsTheLineByLessThanItsWidth) {
+  auto scene = synthetic::nominal_scene();
+  scene.speckle_contrast = 0;
+  for (const double contrast : {1.5, 3.0}) {
+    for (const double edge_offset : {-12.0, -4.0, 0.0, 4.0, 12.0}) {
+      Scores scores;
+      for (unsigned seed = 1; seed <= 4; ++seed) {
+        const double center = 200.3 + 0.27 * seed;
+        const auto reflectance = [&](int x, int) { return x < center + edge_offset ? 1.0 : 1 / contrast; };
+        score(synthetic::straight_line(512, 100, center, 0, 3, scene, seed, reflectance), false, options_for(scene),
+              scores);
+      }
+      std::printf("reflectance %.1f : 1 at %+5.1f px: bias %+.3f px\n", contrast, edge_offset, scores.rows.mean());
+      const double limit = std::abs(edge_offset) > 10 ? 0.02 : contrast > 2 ? 1.2 : 0.5;
+      EXPECT_LE(std::abs(scores.rows.mean()), limit);
     }
   }
 }

@@ -67,7 +67,9 @@ TEST(LineSmoothing, OutliersAndShortRunsAreLeftOut) {
   EXPECT_EQ(smoothed[20], -1.f);
   EXPECT_EQ(smoothed[51], -1.f);
   for (std::size_t y = 0; y < 40; ++y) {
-    if (y != 20) EXPECT_NEAR(smoothed[y], 200.f, 1e-3) << y;
+    if (y != 20) {
+      EXPECT_NEAR(smoothed[y], 200.f, 1e-3) << y;
+    }
   }
 }
 

@@ -15,6 +15,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/acquisition/laser_line_reference.h"
 #include "tests/acquisition/synthetic_line.h"
 
 namespace celadon {
@@ -80,6 +81,72 @@ void on_every_target(Body&& body) {
   hwy::SetSupportedTargetsForTest(0);
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());
   EXPECT_GE(targets, 1);
+}
+
+void expect_agreement(const std::vector<LineRow>& rows, const std::vector<LineRow>& expected) {
+  int other_status = 0;
+  for (std::size_t y = 0; y < rows.size(); ++y) {
+    if (rows[y].status != expected[y].status) {
+      ++other_status;  // rounding may decide a row at a threshold
+      continue;
+    }
+    if (expected[y].x_px < 0) {
+      EXPECT_EQ(rows[y].x_px, -1.f) << "row " << y;
+      continue;
+    }
+    EXPECT_NEAR(rows[y].x_px, expected[y].x_px, 0.01) << "row " << y;
+    EXPECT_NEAR(rows[y].sigma_px, expected[y].sigma_px, 0.02 * expected[y].sigma_px + 1e-3) << "row " << y;
+    EXPECT_NEAR(rows[y].width_px, expected[y].width_px, 0.02) << "row " << y;
+    EXPECT_NEAR(rows[y].amplitude, expected[y].amplitude, 0.01 * expected[y].amplitude + 0.1) << "row " << y;
+  }
+  EXPECT_LE(other_status, static_cast<int>(rows.size()) / 200);
+}
+
+TEST(LaserLine, EverySimdTargetAgreesWithTheScalarReference) {
+  const LaserLineOptions options;
+  for (const int width : {64, 68, 126, 130, 640, 1000}) {
+    SCOPED_TRACE(width);
+    const auto picture = synthetic::scan_frame(width, 200, synthetic::nominal_scene(), 11);
+    const CameraMode mode = mode_of(width, 200);
+    const reference::Frame on{mode, LineChannel::luma, picture.on.data()},
+        off{mode, LineChannel::luma, picture.off.data()};
+    const auto alone = reference::extract(on, nullptr, options), difference = reference::extract(on, &off, options);
+    if (width >= 640) {
+      ASSERT_GT(count_status(alone, RowStatus::found), 130);
+    }
+    if (width >= 640) {
+      ASSERT_GT(count_status(alone, RowStatus::saturated), 5);
+    }
+    on_every_target([&] {
+      expect_agreement(extract(mode, picture.on), alone);
+      expect_agreement(extract(mode, picture.on, picture.off), difference);
+    });
+  }
+}
+
+TEST(LaserLine, EverySimdTargetAgreesWithTheScalarReferenceOnColour) {
+  for (const LineChannel channel : {LineChannel::luma, LineChannel::red, LineChannel::green}) {
+    for (const int width : {64, 640}) {
+      SCOPED_TRACE(width);
+      const auto picture = synthetic::scan_frame(width, 200, synthetic::nominal_scene(), 12);
+      const CameraMode mode = mode_of(width, 200, PixelFormat::yuyv);
+      LaserLineOptions options;
+      options.channel = channel;
+      const auto convert = [&](const Bytes& grey) {
+        return channel == LineChannel::luma ? yuyv_with_luma(grey, 5) : yuyv_with_colour(grey, channel);
+      };
+      const Bytes on_bytes = convert(picture.on), off_bytes = convert(picture.off);
+      const reference::Frame on{mode, channel, on_bytes.data()}, off{mode, channel, off_bytes.data()};
+      const auto alone = reference::extract(on, nullptr, options), difference = reference::extract(on, &off, options);
+      if (width == 640) {
+        ASSERT_GT(count_status(alone, RowStatus::found), 100);
+      }
+      on_every_target([&] {
+        expect_agreement(extract(mode, on_bytes, {}, options), alone);
+        expect_agreement(extract(mode, on_bytes, off_bytes, options), difference);
+      });
+    }
+  }
 }
 
 TEST(LaserLine, ColourChannelFindsWhatLumaHides) {
@@ -199,6 +266,24 @@ TEST(LaserLine, FlatFramesAndEdgesHaveNoLine) {
   }
 }
 
+// Stated in README.md: of rows of white noise alone, at most one in 500 is taken for a line.
+TEST(LaserLine, NoiseIsNoLine) {
+  for (const double sigma : {1.5, 5.0, 20.0, 60.0}) {
+    std::mt19937 random(7);
+    std::normal_distribution<double> normal(100, sigma);
+    Bytes on(1280 * 1000), off(on.size());
+    for (auto* frame : {&on, &off}) {
+      for (auto& value : *frame) value = static_cast<std::uint8_t>(std::clamp(std::lround(normal(random)), 0L, 255L));
+    }
+    for (const bool subtract : {false, true}) {
+      const auto rows = extract(mode_of(1280, 1000), on,
+                                subtract ? std::span<const std::uint8_t>(off) : std::span<const std::uint8_t>());
+      EXPECT_LE(count_status(rows, RowStatus::found) + count_status(rows, RowStatus::saturated), 2)
+          << sigma << (subtract ? " difference" : "");
+    }
+  }
+}
+
 TEST(LaserLine, AnyBytesGiveFiniteRowsInsideTheFrame) {
   rc::check("finite and inside", [] {
     const int width = *rc::gen::inRange(64, 400), height = *rc::gen::inRange(1, 40);
@@ -207,7 +292,7 @@ TEST(LaserLine, AnyBytesGiveFiniteRowsInsideTheFrame) {
     Bytes on(static_cast<std::size_t>(width * height)), off(on.size());
     for (auto* frame : {&on, &off}) {
       for (auto& value : *frame) {
-        const unsigned r = random();
+        const auto r = static_cast<unsigned>(random());
         value = static_cast<std::uint8_t>(kind == 0   ? r & 255
                                           : kind == 1 ? (r % 50 == 0 ? 255 : 0)
                                           : kind == 2 ? (r & 1) * 255
@@ -251,6 +336,86 @@ TEST(LaserLine, ShiftingThePictureShiftsTheLine) {
       if (before[y].x_px >= 0) RC_ASSERT(std::abs(before[y].x_px + static_cast<float>(shift) - after[y].x_px) < 1e-4f);
     }
   });
+}
+
+TEST(LaserLine, SecondLineIsFlaggedNotGuessed) {
+  auto scene = synthetic::good_scene();
+  scene.speckle_contrast = 0.05;
+  scene.amplitude = 120;
+  const auto flagged = [&](double share) {
+    synthetic::Truth truth;
+    for (int y = 0; y < 400; ++y) {
+      truth.center_px.push_back(250 + 0.1 * y);
+      truth.width_px.push_back(3);
+      truth.amplitude.push_back(scene.amplitude);
+      truth.kind.push_back(synthetic::RowKind::line);
+    }
+    const auto second = [&](int x, int y) {
+      const double u = (x - 400 - 0.1 * y) / 3;
+      return share * scene.amplitude * std::exp(-0.5 * u * u);
+    };
+    const auto picture = synthetic::draw(
+        640, 400, truth, scene, 21, [](int, int) { return 15.0; }, second);
+    const auto rows = extract(mode_of(640, 400), picture.on, picture.off);
+    for (std::size_t y = 0; y < rows.size(); ++y) {
+      if (rows[y].x_px >= 0 && share < 0.9) {
+        EXPECT_NEAR(rows[y].x_px, truth.center_px[y], 1.0);
+      }
+    }
+    return count_status(rows, RowStatus::ambiguous);
+  };
+  EXPECT_EQ(flagged(0.5), 0);
+  EXPECT_LE(flagged(0.6), 8);
+  EXPECT_GE(flagged(0.8), 392);
+  EXPECT_EQ(flagged(1.0), 400);
+}
+
+TEST(LaserLine, AtTheBorderALineIsWholeOrMissing) {
+  auto scene = synthetic::good_scene();
+  scene.speckle_contrast = 0;
+  for (const int width : {64, 320, 321}) {
+    for (double distance = 0; distance < 30; distance += 0.7) {
+      for (const bool left : {true, false}) {
+        const double center = left ? distance : width - 1 - distance;
+        const auto picture = synthetic::straight_line(width, 8, center, 0, 2, scene, 31);
+        const auto rows = extract(mode_of(width, 8), picture.on);
+        for (const LineRow& row : rows) {
+          if (row.x_px >= 0) {
+            EXPECT_NEAR(row.x_px, center, 0.15) << width << " at " << center;
+          }
+          if (distance < 3.5) {
+            EXPECT_EQ(row.status, RowStatus::no_line) << width << " at " << center;
+          }
+          if (distance > 14) {
+            EXPECT_EQ(row.status, RowStatus::found) << width << " at " << center;
+          }
+        }
+      }
+    }
+  }
+}
+
+TEST(LaserLine, FlatTopsAreSaturatedAndKeepTheirPosition) {
+  auto scene = synthetic::good_scene();
+  scene.speckle_contrast = 0;
+  for (const double amplitude : {300.0, 600.0, 2000.0}) {
+    for (const double line_width : {1.5, 3.0, 4.5}) {
+      scene.amplitude = amplitude;
+      synthetic::Score score;
+      for (int i = 0; i < 10; ++i) {
+        const auto picture =
+            synthetic::straight_line(320, 40, 140 + 0.37 * i, 0.05, line_width, scene, 40u + static_cast<unsigned>(i));
+        const auto rows = extract(mode_of(320, 40), picture.on);
+        for (std::size_t y = 0; y < rows.size(); ++y) {
+          EXPECT_EQ(rows[y].status, RowStatus::saturated);
+          score.add(picture.truth, y, rows[y].x_px, static_cast<double>(rows[y].sigma_px));
+        }
+      }
+      EXPECT_EQ(score.missed + score.outliers, 0) << amplitude << " " << line_width;
+      EXPECT_LT(score.rms(), 0.06) << amplitude << " " << line_width;
+      EXPECT_LT(std::abs(score.mean()), 0.02) << amplitude << " " << line_width;
+    }
+  }
 }
 
 }  // namespace
