@@ -10,6 +10,7 @@
 #include "acquisition/recording.h"
 #include "daemon/frame_feed.h"
 #include "daemon/profile_log.h"
+#include "daemon/read_ahead.h"
 #include "daemon/results.h"
 #include "daemon/scan_capture.h"
 #include "daemon/scan_preparation.h"
@@ -189,7 +190,10 @@ tl::expected<RangeFit, ScanStop> solve(const ScanTask& task, const Calibration& 
     (*log)->rewind();
     while (const Profile* p = (*log)->next()) sums.add(p->r_mm, p->theta_rad, p->z_mm);
   }
-  auto fit = fit_range(sums, **log, options);
+  auto fit = [&] {
+    ReadAhead profiles(**log);  // joined before the log is asked for its errors
+    return fit_range(sums, profiles, options);
+  }();
   if (!(*log)->error().empty()) return failed((*log)->error());
   if (!fit) return failed("No surface was found: " + fit.error().message);
   return std::move(*fit);
