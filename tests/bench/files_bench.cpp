@@ -19,7 +19,7 @@
 #include "daemon/files/mesh_files.h"
 #include "fitting/range_function.h"
 #include "tests/daemon/cloud_writers.h"
-#include "tests/daemon/scratch_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
@@ -63,7 +63,7 @@ void read_cloud(const std::filesystem::path& file) {
   }
 }
 
-void clouds(const testing::ScratchFolder& scratch) {
+void clouds(const testing::TemporaryFolder& scratch) {
   constexpr std::size_t count = 1'000'000;
   std::mt19937_64 engine(1);
   std::uniform_real_distribution<double> coordinate(-100, 100);
@@ -71,20 +71,20 @@ void clouds(const testing::ScratchFolder& scratch) {
   for (auto& point : points) {
     point = {coordinate(engine), coordinate(engine), coordinate(engine)};
   }
-  const auto binary = scratch.file("b.ply", testing::ply(points, {}));
+  const auto binary = scratch.write("b.ply", testing::ply(points, {}));
   std::string text;
   for (const auto& p : points) {
     char line[64];
     text.append(line, static_cast<std::size_t>(std::snprintf(line, sizeof line, "%.6f %.6f %.6f\n", p[0], p[1], p[2])));
   }
-  const auto ascii = scratch.file("a.xyz", text);
+  const auto ascii = scratch.write("a.xyz", text);
   std::vector<char> from(12 * count, 1);
   std::vector<char> to(12 * count);
   const auto t = medians(9, {[&] {
                                std::memcpy(to.data(), from.data(), from.size());
                                sink += to[7];
                              },
-                             [&] { sink += static_cast<double>(testing::contents(binary).size()); },
+                             [&] { sink += static_cast<double>(testing::read_file(binary).size()); },
                              [&] {
                                for (const auto& p : points) {
                                  sink += std::atan2(p[1], p[0]);
@@ -134,7 +134,7 @@ RangeFunction wall_of_64_by_32() {
   return {base, 3, 3, knots_u, knots_v, coefficients};
 }
 
-void solids(const testing::ScratchFolder& scratch) {
+void solids(const testing::TemporaryFolder& scratch) {
   const RangeFunction range = wall_of_64_by_32();
   std::size_t triangles = 0;
   const auto m = medians(5, {[&] { triangles = mesh_of(range, 0.05).triangles.size(); }});
@@ -172,7 +172,7 @@ void solids(const testing::ScratchFolder& scratch) {
 }  // namespace celadon
 
 int main() {
-  const celadon::testing::ScratchFolder scratch;
+  const celadon::testing::TemporaryFolder scratch;
   celadon::clouds(scratch);
   celadon::solids(scratch);
   return std::isnan(celadon::sink) ? 1 : 0;

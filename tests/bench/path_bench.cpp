@@ -14,7 +14,7 @@
 #include "sim/device_model.h"
 #include "sim/optics.h"
 #include "tests/daemon/fake_machine.h"
-#include "tests/daemon/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
@@ -127,7 +127,7 @@ void scan(DrawnFrames& frames, int profiles, const char* label) {
   std::printf("%-9s  %7.0f frames/s  %9llu samples  %6.0f ms from the last frame to the STEP file  %4.0f MB\n", label,
               watcher.last.frames_per_second, static_cast<unsigned long long>(watcher.last.samples),
               1e3 * outcome->last_frame_to_step_s, peak_MB() - static_cast<double>(frames.bytes.size()) / (1 << 20));
-  std::fputs(testing::read_bytes(task.results_folder / "report.json").c_str(), stderr);
+  std::fputs(testing::read_file(task.results_folder / "report.json").c_str(), stderr);
 }
 
 void run_on_one_core() {

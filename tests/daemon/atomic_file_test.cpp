@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "daemon/files/file_problem.h"
-#include "tests/daemon/scratch_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
@@ -26,18 +26,18 @@ std::size_t entries(const std::filesystem::path& folder) {
 }
 
 TEST(AtomicFile, WritesAndReplacesWhole) {
-  const testing::ScratchFolder scratch;
+  const testing::TemporaryFolder scratch;
   const auto file = scratch.path() / "a.bin";
   const std::string first(3'000'000, 'x');
   ASSERT_TRUE(write_file_atomically(file, first));
-  EXPECT_EQ(testing::contents(file), first);
+  EXPECT_EQ(testing::read_file(file), first);
   ASSERT_TRUE(write_file_atomically(file, ""));
-  EXPECT_EQ(testing::contents(file), "");
+  EXPECT_EQ(testing::read_file(file), "");
   EXPECT_EQ(entries(scratch.path()), 1U);
 }
 
 TEST(AtomicFile, HasTheUsualPermissions) {
-  const testing::ScratchFolder scratch;
+  const testing::TemporaryFolder scratch;
   const mode_t mask = ::umask(027);
   ASSERT_TRUE(write_file_atomically(scratch.path() / "a", "x"));
   ::umask(mask);
@@ -47,7 +47,7 @@ TEST(AtomicFile, HasTheUsualPermissions) {
 }
 
 TEST(AtomicFile, NamesFolderAndRemedy) {
-  const testing::ScratchFolder scratch;
+  const testing::TemporaryFolder scratch;
   const auto missing = write_file_atomically(scratch.path() / "no" / "a", "x");
   ASSERT_FALSE(missing);
   EXPECT_EQ(missing.error().errno_value, ENOENT);
@@ -60,8 +60,8 @@ TEST(AtomicFile, NamesFolderAndRemedy) {
 
 /// A write that fails in the middle, in a process of its own because the limit cannot be lifted again.
 TEST(AtomicFile, AWriteThatFailsLeavesTheOldFileAndNothingElse) {
-  const testing::ScratchFolder scratch;
-  const auto file = scratch.file("a", "old");
+  const testing::TemporaryFolder scratch;
+  const auto file = scratch.write("a", "old");
   const pid_t child = ::fork();
   if (child == 0) {
     ::signal(SIGXFSZ, SIG_IGN);
@@ -75,12 +75,12 @@ TEST(AtomicFile, AWriteThatFailsLeavesTheOldFileAndNothingElse) {
   int status = 0;
   ASSERT_EQ(::waitpid(child, &status, 0), child);
   EXPECT_EQ(status, 0);
-  EXPECT_EQ(testing::contents(file), "old");
+  EXPECT_EQ(testing::read_file(file), "old");
   EXPECT_EQ(entries(scratch.path()), 1U);
 }
 
 TEST(AtomicFile, ReadersSeeOneOrTheOther) {
-  const testing::ScratchFolder scratch;
+  const testing::TemporaryFolder scratch;
   const auto file = scratch.path() / "a";
   const std::string one(100'000, '1');
   const std::string two(100'000, '2');
@@ -96,7 +96,7 @@ TEST(AtomicFile, ReadersSeeOneOrTheOther) {
     });
   }
   while (!done) {
-    const std::string seen = testing::contents(file);
+    const std::string seen = testing::read_file(file);
     ASSERT_TRUE(seen == one || seen == two);
   }
   for (std::thread& writer : writers) {

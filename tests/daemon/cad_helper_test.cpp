@@ -7,7 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 
-#include "tests/daemon/scratch_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
@@ -17,10 +17,10 @@ using ::testing::HasSubstr;
 
 /// The probe's answer with a shell script as celadon-cad on its PATH (none if empty).
 std::string answer_with(const std::string& script, const std::string& time_limit_s = "60") {
-  const testing::ScratchFolder scratch;
+  const testing::TemporaryFolder scratch;
   std::filesystem::create_directory(scratch.path() / "bin");
   if (!script.empty()) {
-    const auto helper = scratch.file("bin/celadon-cad", "#!/bin/sh\n" + script + "\n");
+    const auto helper = scratch.write("bin/celadon-cad", "#!/bin/sh\n" + script + "\n");
     ::chmod(helper.c_str(), 0755);
   }
   const std::string command = "PATH=" + (scratch.path() / "bin").string() + " '" CELADON_CAD_PROBE "' " +

@@ -16,7 +16,8 @@
 
 #include "daemon/files/polar.h"
 #include "tests/daemon/cloud_writers.h"
-#include "tests/daemon/scratch_folder.h"
+#include "tests/memory_file.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
@@ -61,7 +62,7 @@ Read read_all(CloudFile& cloud) {
 class Clouds : public ::testing::Test {
  protected:
   std::unique_ptr<CloudFile> open(std::string_view bytes, const CloudOptions& options = {}) {
-    auto cloud = open_cloud(scratch_.file("cloud", bytes), options);
+    auto cloud = open_cloud(scratch_.write("cloud", bytes), options);
     if (!cloud) {
       throw std::runtime_error(cloud.error().message);
     }
@@ -70,10 +71,10 @@ class Clouds : public ::testing::Test {
   Read read(std::string_view bytes, const CloudOptions& options = {}) { return read_all(*open(bytes, options)); }
   /// The sentence of whichever of opening and reading fails.
   std::string refusal(std::string_view bytes) {
-    const auto cloud = open_cloud(scratch_.file("cloud", bytes), {});
+    const auto cloud = open_cloud(scratch_.write("cloud", bytes), {});
     return cloud ? read_all(**cloud).error : cloud.error().message;
   }
-  testing::ScratchFolder scratch_;
+  testing::TemporaryFolder scratch_;
 };
 
 void expect_near(const Points& got, const Points& expected, double tolerance) {
@@ -354,9 +355,9 @@ TEST_F(Clouds, MemoryDoesNotGrowWithTheFile) {
     return usage.ru_maxrss;
   };
   // 48 MB of zeros as vertices, written sparse.
-  const auto path = scratch_.file("large.ply",
-                                  "ply\nformat binary_little_endian 1.0\nelement vertex 4000000\nproperty float x\n"
-                                  "property float y\nproperty float z\nend_header\n");
+  const auto path = scratch_.write("large.ply",
+                                   "ply\nformat binary_little_endian 1.0\nelement vertex 4000000\nproperty float x\n"
+                                   "property float y\nproperty float z\nend_header\n");
   const auto header = std::filesystem::file_size(path);
   std::filesystem::resize_file(path, header + 48000000);
   const auto before = peak_kb();
@@ -542,7 +543,7 @@ TEST_F(Clouds, SystemErrorsNameTheFileAndTheRemedy) {
 }
 
 TEST_F(Clouds, AFileThatShrinksWhileReadIsNamed) {
-  const auto path = scratch_.file("cloud", testing::ply(random_points(100000, 4, false), {}));
+  const auto path = scratch_.write("cloud", testing::ply(random_points(100000, 4, false), {}));
   const auto cloud = open_cloud(path, {});
   ASSERT_TRUE(cloud);
   (*cloud)->next();

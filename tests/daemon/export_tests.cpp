@@ -16,8 +16,8 @@
 #include "daemon/export/cad_client.h"
 #include "daemon/export/cad_protocol.h"
 #include "tests/daemon/closed_wall.h"
-#include "tests/daemon/scratch_folder.h"
 #include "tests/daemon/step_reader.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
@@ -43,7 +43,7 @@ class Export : public ::testing::Test {
     if (!result) {
       throw std::runtime_error(result.error());
     }
-    Written written{*result, {}, testing::contents(file)};
+    Written written{*result, {}, testing::read_file(file)};
     written.step = StepFile::parse(written.text);
     return written;
   }
@@ -53,7 +53,7 @@ class Export : public ::testing::Test {
     EXPECT_FALSE(std::filesystem::exists(file));
     return result ? "written" : result.error();
   }
-  testing::ScratchFolder scratch_;
+  testing::TemporaryFolder scratch_;
 };
 
 StepSurface wall_of(const StepFile& step) {
@@ -291,7 +291,7 @@ TEST_F(Export, SameInputGivesTheSameBytes) {
   auto worker = CadWorker::start();
   ASSERT_TRUE(worker) << worker.error();
   ASSERT_TRUE(worker->write_step(wall, scratch_.path() / "warm.step", options));
-  EXPECT_EQ(first, testing::contents(scratch_.path() / "warm.step"));
+  EXPECT_EQ(first, testing::read_file(scratch_.path() / "warm.step"));
 }
 
 TEST_F(Export, WorkerServesAgainAndSurvivesTheEndOfItsProcess) {
@@ -309,7 +309,7 @@ TEST_F(Export, WorkerServesAgainAndSurvivesTheEndOfItsProcess) {
   ASSERT_TRUE(result) << result.error();
   const auto again = worker->write_step(wall, scratch_.path() / "b.step", {});
   ASSERT_TRUE(again) << again.error();
-  EXPECT_EQ(testing::contents(scratch_.path() / "a.step"), testing::contents(scratch_.path() / "b.step"));
+  EXPECT_EQ(testing::read_file(scratch_.path() / "a.step"), testing::read_file(scratch_.path() / "b.step"));
 }
 
 TEST_F(Export, RefusesWallsThatMakeNoSolid) {

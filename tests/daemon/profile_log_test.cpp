@@ -13,14 +13,14 @@
 #include <limits>
 
 #include "daemon/crc32c.h"
-#include "tests/daemon/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
 
-using testing::read_bytes;
+using testing::read_file;
 using testing::TemporaryFolder;
-using testing::write_bytes;
+using testing::write_file;
 
 const unsigned char kGolden[] = {
 #include "tests/daemon/profile_log_golden.inc"
@@ -81,7 +81,7 @@ std::vector<std::size_t> write_log(const std::filesystem::path& file, int n, boo
     EXPECT_TRUE((*log)->finish(LogOutcome::complete, ""));
   }
   std::vector<std::size_t> starts;
-  const std::string bytes = read_bytes(file);
+  const std::string bytes = read_file(file);
   for (std::size_t at = 16; at < bytes.size();) {
     starts.push_back(at);
     std::uint32_t length = 0;
@@ -130,13 +130,13 @@ TEST(ProfileLog, WritesTheBytesOfItsGrammar) {
   ASSERT_TRUE((*log)->append(overlap, true));
   ASSERT_TRUE((*log)->finish(LogOutcome::cancelled, "button pressed"));
   ASSERT_TRUE((*log)->wait_synced());
-  EXPECT_EQ(read_bytes(folder / "log"), golden());
+  EXPECT_EQ(read_file(folder / "log"), golden());
   EXPECT_EQ((*log)->bytes(), golden().size());
 }
 
 TEST(ProfileLog, ReadsALogWrittenByHand) {
   const TemporaryFolder folder;
-  write_bytes(folder / "log", golden());
+  write_file(folder / "log", golden());
   auto log = ProfileLogReader::open(folder / "log");
   ASSERT_TRUE(log) << log.error().message;
   EXPECT_EQ((*log)->header().date, "2026-01-02T03:04:05Z");
@@ -185,19 +185,19 @@ TEST(ProfileLog, ReadsALogWrittenByHand) {
 
 TEST(ProfileLog, NeverOverwrites) {
   const TemporaryFolder folder;
-  write_bytes(folder / "log", "precious");
+  write_file(folder / "log", "precious");
   const auto log = ProfileLogWriter::create(folder / "log", golden_header());
   ASSERT_FALSE(log);
   EXPECT_NE(log.error().message.find("never overwritten"), std::string::npos) << log.error().message;
-  EXPECT_EQ(read_bytes(folder / "log"), "precious");
+  EXPECT_EQ(read_file(folder / "log"), "precious");
 }
 
 TEST(ProfileLog, TornAtAnyByteKeepsEveryWholeRecord) {
   const TemporaryFolder folder;
   const auto starts = write_log(folder / "log", 4, true);
-  const std::string bytes = read_bytes(folder / "log");
+  const std::string bytes = read_file(folder / "log");
   for (std::size_t cut = starts[1]; cut < bytes.size(); ++cut) {
-    write_bytes(folder / "cut", bytes.substr(0, cut));
+    write_file(folder / "cut", bytes.substr(0, cut));
     auto log = ProfileLogReader::open(folder / "cut");
     ASSERT_TRUE(log) << log.error().message;
     std::size_t whole = 0;
@@ -212,8 +212,8 @@ TEST(ProfileLog, TornAtAnyByteKeepsEveryWholeRecord) {
 TEST(ProfileLog, TailOfZerosIsTorn) {  // what a file system may leave after a power cut
   const TemporaryFolder folder;
   write_log(folder / "log", 3, false);
-  const std::string bytes = read_bytes(folder / "log");
-  write_bytes(folder / "log", bytes + std::string(4096, '\0'));
+  const std::string bytes = read_file(folder / "log");
+  write_file(folder / "log", bytes + std::string(4096, '\0'));
   auto log = ProfileLogReader::open(folder / "log");
   ASSERT_TRUE(log);
   EXPECT_EQ(count_profiles(**log), 3);
@@ -224,12 +224,12 @@ TEST(ProfileLog, TailOfZerosIsTorn) {  // what a file system may leave after a p
 RC_GTEST_PROP(ProfileLog, AnyFlippedBitIsFoundAndNamed, ()) {
   const TemporaryFolder folder;
   const auto starts = write_log(folder / "log", 5, true);
-  std::string bytes = read_bytes(folder / "log");
+  std::string bytes = read_file(folder / "log");
   // In the records between the header and the last one; there a tear and damage cannot be told apart.
   const auto at = *rc::gen::inRange(starts[1], starts.back());
   const auto bit = *rc::gen::inRange(0, 8);
   bytes[at] = static_cast<char>(bytes[at] ^ (1 << bit));
-  write_bytes(folder / "log", bytes);
+  write_file(folder / "log", bytes);
   auto log = ProfileLogReader::open(folder / "log");
   RC_ASSERT(log.has_value());
   std::size_t hit = 0;
@@ -243,9 +243,9 @@ RC_GTEST_PROP(ProfileLog, AnyFlippedBitIsFoundAndNamed, ()) {
 TEST(ProfileLog, AMissingRecordIsDamage) {
   const TemporaryFolder folder;
   const auto starts = write_log(folder / "log", 5, true);
-  std::string bytes = read_bytes(folder / "log");
+  std::string bytes = read_file(folder / "log");
   bytes.erase(starts[5], starts[6] - starts[5]);
-  write_bytes(folder / "log", bytes);
+  write_file(folder / "log", bytes);
   auto log = ProfileLogReader::open(folder / "log");
   ASSERT_TRUE(log);
   EXPECT_EQ(count_profiles(**log), 1);
@@ -256,7 +256,7 @@ TEST(ProfileLog, AMissingRecordIsDamage) {
 TEST(ProfileLog, SaysWhatIsNoLog) {
   const TemporaryFolder folder;
   const auto message = [&](const std::string& bytes) {
-    write_bytes(folder / "log", bytes);
+    write_file(folder / "log", bytes);
     const auto log = ProfileLogReader::open(folder / "log");
     return log ? std::string() : log.error().message;
   };

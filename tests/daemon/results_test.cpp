@@ -17,13 +17,13 @@
 
 #include "daemon/surface_json.h"
 #include "tests/build_paths.h"
-#include "tests/daemon/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
 
 using nlohmann::json;
-using testing::read_bytes;
+using testing::read_file;
 using testing::TemporaryFolder;
 
 /// r = a + b cos(theta) built from coefficients at hand: degree (1, 1), enough for files.
@@ -175,7 +175,7 @@ TEST(Report, HasExactlyTheDocumentedFields) {
                                           "frame",       "band_mm",      "cut_mm",         "size_mm",    "warnings",
                                           "seconds",     "truth_mm",     "scan",           "closure_mm", "solid"}));
   // RESULTS.md names every one of them.
-  const std::string document = read_bytes(std::filesystem::path(CELADON_SOURCE_DIR) / "daemon/RESULTS.md");
+  const std::string document = read_file(std::filesystem::path(CELADON_SOURCE_DIR) / "daemon/RESULTS.md");
   for (const std::string& name : names) EXPECT_NE(document.find("`" + name + "`"), std::string::npos) << name;
   EXPECT_EQ(j["simulated"], true);
   EXPECT_EQ(j["degree"], json({1, 3}));
@@ -217,7 +217,7 @@ TEST(Results, TheFolderHoldsWhatWasAskedForAndTheReport) {
     found.insert(entry.path().filename());
   }
   EXPECT_EQ(found, (std::set<std::string>{"vase.stl", "vase.ply", "report.json"}));
-  EXPECT_EQ(read_bytes(folder / "results/vase.ply").substr(0, 3), "ply");
+  EXPECT_EQ(read_file(folder / "results/vase.ply").substr(0, 3), "ply");
   EXPECT_FALSE(std::filesystem::exists(folder / "results.part"));
   const auto again = write_results(sample_fit(), {}, folder / "results", notes);
   ASSERT_FALSE(again);
@@ -278,7 +278,7 @@ TEST(Results, AKilledWriterLeavesTheFolderWholeOrAbsent) {
       ASSERT_TRUE(std::filesystem::exists(folder / "results" / name)) << name;
     }
     EXPECT_TRUE(read_surface_json(folder / "results/surface.json"));
-    EXPECT_FALSE(json::parse(read_bytes(folder / "results/report.json"), nullptr, false).is_discarded());
+    EXPECT_FALSE(json::parse(read_file(folder / "results/report.json"), nullptr, false).is_discarded());
   }
   EXPECT_GT(absent, 0);
 }

@@ -7,7 +7,7 @@
 
 #include "daemon/profile_log.h"
 #include "tests/daemon/fake_machine.h"
-#include "tests/daemon/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
@@ -107,10 +107,10 @@ TEST(ScanJob, ProgressEndsAtTheWholeTurn) {
 TEST(ScanJob, AnExistingLogOrResultIsNeverOverwritten) {
   FakeMachine machine;
   const TemporaryFolder folder;
-  testing::write_bytes(folder / "profiles.log", "precious");
+  testing::write_file(folder / "profiles.log", "precious");
   const Outcome outcome = scan(machine, folder, ScanMode::sweep, 1'000'000);
   ASSERT_FALSE(outcome.scan);
-  EXPECT_EQ(testing::read_bytes(folder / "profiles.log"), "precious");
+  EXPECT_EQ(testing::read_file(folder / "profiles.log"), "precious");
   EXPECT_EQ(machine.lasers(), 0);
 }
 

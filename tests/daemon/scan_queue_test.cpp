@@ -13,13 +13,13 @@
 #include "daemon/profile_log.h"
 #include "daemon/surface_json.h"
 #include "tests/daemon/fake_machine.h"
-#include "tests/daemon/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
 
 using testing::FakeMachine;
-using testing::read_bytes;
+using testing::read_file;
 using testing::TemporaryFolder;
 
 ScanRequest quick_request() {
@@ -93,7 +93,7 @@ class Bench {
 };
 
 nlohmann::json report_of(const ScanRecord& record) {
-  return nlohmann::json::parse(read_bytes(record.folder / "report.json"));
+  return nlohmann::json::parse(read_file(record.folder / "report.json"));
 }
 
 /// RMS of the fitted range against the closed form of the object.

@@ -9,14 +9,14 @@
 #include "daemon/profile_log.h"
 #include "daemon/scan_service.h"
 #include "daemon/scan_store.h"
-#include "tests/daemon/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
 
 using nlohmann::json;
 using testing::TemporaryFolder;
-using testing::write_bytes;
+using testing::write_file;
 
 TEST(ScanState, NamesComeBack) {
   for (int i = 0; i <= static_cast<int>(ScanState::interrupted); ++i) {
@@ -96,7 +96,7 @@ TEST(ScanRequestJson, NamesWhatIsWrong) {
 
 TEST(Config, ReadsEveryKey) {
   const TemporaryFolder folder;
-  write_bytes(folder / "celadond.toml", R"(
+  write_file(folder / "celadond.toml", R"(
 device = "modbus-rtu:/dev/ttyUSB0"
 camera = "v4l2:/dev/video0"
 calibration = "/etc/celadon/calibration.toml"
@@ -146,7 +146,7 @@ TEST(Config, NamesFileLineAndKey) {
   };
   for (const Case& c : cases) {
     const TemporaryFolder folder;
-    write_bytes(folder / "c.toml", c.text);
+    write_file(folder / "c.toml", c.text);
     Config config;
     const auto read = read_config(folder / "c.toml", config);
     ASSERT_FALSE(read) << c.text;
@@ -237,13 +237,13 @@ TEST(ScanStore, DamagedRecordsAreLeftAloneAndNamed) {
   const TemporaryFolder folder;
   std::filesystem::create_directories(folder / "store/scans/000007");
   std::filesystem::create_directories(folder / "store/scans/000008");
-  write_bytes(folder / "store/scans/000007/scan.json", "{\"version\": 1, ");
+  write_file(folder / "store/scans/000007/scan.json", "{\"version\": 1, ");
   auto store = ScanStore::open(folder / "store");
   std::vector<std::string> problems;
   EXPECT_TRUE(store->load(problems).empty());
   ASSERT_EQ(problems.size(), 2u);
   EXPECT_NE((problems[0] + problems[1]).find("000007"), std::string::npos);
-  EXPECT_EQ(testing::read_bytes(folder / "store/scans/000007/scan.json"), "{\"version\": 1, ");
+  EXPECT_EQ(testing::read_file(folder / "store/scans/000007/scan.json"), "{\"version\": 1, ");
   EXPECT_EQ(store->new_scan().value(), 9u);
 }
 

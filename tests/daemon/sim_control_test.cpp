@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "daemon/scan_truth.h"
-#include "tests/daemon/temporary_folder.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {

@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "daemon/files/cloud_files.h"
-#include "tests/daemon/scratch_folder.h"
+#include "tests/memory_file.h"
 
 namespace {
 

@@ -9,29 +9,11 @@
 
 #include <array>
 #include <csignal>
-#include <cstdlib>
-#include <fstream>
-#include <iterator>
 #include <stdexcept>
 
 #include "tests/build_paths.h"
+
 namespace celadon::testing {
-
-namespace fs = std::filesystem;
-
-TemporaryFolder::TemporaryFolder() {
-  std::string pattern = (fs::temp_directory_path() / "celadon-test-XXXXXX").string();
-  if (::mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no temporary folder");
-  path_ = pattern;
-}
-TemporaryFolder::~TemporaryFolder() {
-  std::error_code ignored;
-  fs::remove_all(path_, ignored);
-}
-fs::path TemporaryFolder::write(const std::string& name, const std::string& bytes) const {
-  std::ofstream(path_ / name, std::ios::binary) << bytes;
-  return path_ / name;
-}
 
 Program::Program(const std::vector<std::string>& command, std::size_t file_size_limit) {
   std::array<int, 2> out{}, err{};
@@ -110,11 +92,6 @@ Outcome Program::wait() {
 
 Outcome run(const std::vector<std::string>& command, std::size_t file_size_limit) {
   return Program(command, file_size_limit).wait();
-}
-
-std::string read_file(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return std::string(std::istreambuf_iterator<char>(in), {});
 }
 
 }  // namespace celadon::testing

@@ -3,30 +3,16 @@
 
 #include <sys/types.h>
 
-#include <filesystem>
 #include <string>
 #include <vector>
+
+#include "tests/temporary_folder.h"
 
 namespace celadon::testing {
 
 struct Outcome {
   int exit_code = -1;  ///< -SIGNAL when killed by one
   std::string out, err;
-};
-
-/// Folder that is removed at the end.
-class TemporaryFolder {
- public:
-  TemporaryFolder();
-  ~TemporaryFolder();
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  const std::filesystem::path& path() const { return path_; }
-  std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
-  std::filesystem::path write(const std::string& name, const std::string& bytes) const;
-
- private:
-  std::filesystem::path path_;
 };
 
 /// A program of the build folder that runs until it ends or is ended.
@@ -52,6 +38,5 @@ class Program {
 };
 
 Outcome run(const std::vector<std::string>& command, std::size_t file_size_limit = 0);
-std::string read_file(const std::filesystem::path& file);
 
 }  // namespace celadon::testing
