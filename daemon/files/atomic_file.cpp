@@ -58,40 +58,54 @@ int sync_folder(const fs::path& folder) {
   return error;
 }
 
+tl::unexpected<WriteError> problem(const fs::path& file, int error) {
+  return tl::make_unexpected(WriteError{error, file_problem("cannot write", file, error)});
+}
+
 }  // namespace
 
-tl::expected<void, WriteError> write_file_atomically(const fs::path& file, std::string_view bytes) {
-  const auto problem = [&](int error) {
-    return tl::make_unexpected(WriteError{error, file_problem("cannot write", file, error)});
-  };
+tl::expected<AtomicFile, WriteError> AtomicFile::create(const fs::path& file) {
   std::error_code ignored;
-  if (file.filename().empty() || fs::is_directory(file, ignored)) {
-    return problem(EISDIR);
-  }
+  if (file.filename().empty() || fs::is_directory(file, ignored)) return problem(file, EISDIR);
   fs::path partial;
   const int fd = create_beside(file, partial);
-  if (fd < 0) {
-    return problem(errno);
-  }
-  int error = write_all(fd, bytes);
-  if (error == 0 && ::fsync(fd) != 0) {
-    error = errno;
-  }
-  // Network file systems report a full disk as late as here.
-  if (::close(fd) != 0 && error == 0) {
-    error = errno;
-  }
-  if (error == 0 && ::rename(partial.c_str(), file.c_str()) != 0) {
-    error = errno;
-  }
-  if (error != 0) {
-    ::unlink(partial.c_str());
-    return problem(error);
-  }
-  if (const int folder_error = sync_folder(file.parent_path()); folder_error != 0) {
-    return problem(folder_error);
-  }
+  if (fd < 0) return problem(file, errno);
+  return AtomicFile(file, partial, fd);
+}
+
+AtomicFile::AtomicFile(AtomicFile&& other) noexcept
+    : file_(std::move(other.file_)),
+      partial_(std::exchange(other.partial_, {})),
+      fd_(std::exchange(other.fd_, -1)),
+      size_(other.size_) {}
+
+AtomicFile::~AtomicFile() {
+  if (fd_ >= 0) ::close(fd_);
+  if (!partial_.empty()) ::unlink(partial_.c_str());
+}
+
+tl::expected<void, WriteError> AtomicFile::append(std::string_view bytes) {
+  if (const int error = write_all(fd_, bytes); error != 0) return problem(file_, error);
+  size_ += bytes.size();
   return {};
+}
+
+tl::expected<void, WriteError> AtomicFile::commit() {
+  int error = ::fsync(fd_) == 0 ? 0 : errno;
+  // Network file systems report a full disk as late as here.
+  if (::close(std::exchange(fd_, -1)) != 0 && error == 0) error = errno;
+  if (error == 0 && ::rename(partial_.c_str(), file_.c_str()) != 0) error = errno;
+  if (error != 0) return problem(file_, error);
+  partial_.clear();
+  if (const int folder_error = sync_folder(file_.parent_path()); folder_error != 0) return problem(file_, folder_error);
+  return {};
+}
+
+tl::expected<void, WriteError> write_file_atomically(const fs::path& file, std::string_view bytes) {
+  auto target = AtomicFile::create(file);
+  if (!target) return tl::make_unexpected(target.error());
+  if (auto written = target->append(bytes); !written) return written;
+  return target->commit();
 }
 
 }  // namespace celadon

@@ -1,18 +1,15 @@
 #include "daemon/http/http_client.h"
 
-#include <fcntl.h>
-#include <unistd.h>
-
 #include <boost/asio/connect.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/asio/local/stream_protocol.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/http.hpp>
-#include <cerrno>
 #include <chrono>
-#include <cstring>
 #include <optional>
+
+#include "daemon/files/atomic_file.h"
 
 namespace celadon {
 namespace {
@@ -158,49 +155,6 @@ std::string refusal(int status, const std::string& body) {
   return "the daemon answered with status " + std::to_string(status);
 }
 
-// A file that appears under its final name only when complete.
-class PartFile {
- public:
-  explicit PartFile(const std::filesystem::path& file) : final_(file), part_(file.string() + ".part") {
-    descriptor_ = ::open(part_.c_str(), O_CREAT | O_TRUNC | O_WRONLY | O_CLOEXEC, 0644);
-  }
-  ~PartFile() {
-    if (descriptor_ >= 0) ::close(descriptor_);
-    if (!kept_) ::unlink(part_.c_str());
-  }
-  PartFile(const PartFile&) = delete;
-  PartFile& operator=(const PartFile&) = delete;
-
-  bool append(const char* bytes, std::size_t count) {
-    while (descriptor_ >= 0 && count > 0) {
-      const ssize_t written = ::write(descriptor_, bytes, count);
-      if (written < 0 && errno != EINTR) return false;
-      if (written < 0) continue;
-      bytes += written;
-      count -= static_cast<std::size_t>(written);
-      size_ += static_cast<std::uint64_t>(written);
-    }
-    return descriptor_ >= 0;
-  }
-  bool keep() {
-    kept_ = ::fsync(descriptor_) == 0 && ::rename(part_.c_str(), final_.c_str()) == 0;
-    return kept_;
-  }
-  std::string failure() const {
-    const int cause = errno;
-    return "cannot write '" + final_.string() + "': " + std::strerror(cause) + " (errno " + std::to_string(cause) +
-           "); free space there or choose another folder";
-  }
-  bool opened() const { return descriptor_ >= 0; }
-  std::uint64_t size() const { return size_; }
-
- private:
-  std::filesystem::path final_, part_;
-  int descriptor_ = -1;
-  std::uint64_t size_ = 0;
-  bool kept_ = false;
-};
-
 struct DownloadStep {
   bool complete = false;
   std::string failure;  // final, not worth another attempt
@@ -208,7 +162,7 @@ struct DownloadStep {
 
 // Appends what one connection delivers from the present size on.
 tl::expected<DownloadStep, std::string> download_some(const std::string& server, const std::string& path,
-                                                      PartFile& file) {
+                                                      AtomicFile& file) {
   auto request = make_request(http::verb::get, path);
   if (file.size() > 0) request.set(http::field::range, "bytes=" + std::to_string(file.size()) + "-");
   return with_connection(server, [&](auto& connection) -> tl::expected<DownloadStep, std::string> {
@@ -225,7 +179,7 @@ tl::expected<DownloadStep, std::string> download_some(const std::string& server,
       const auto error = connection.read_some(parser);
       const std::size_t got = sizeof piece - parser.get().body().size;
       if (status == 200 || status == 206) {
-        if (!file.append(piece, got)) return DownloadStep{false, file.failure()};
+        if (auto kept = file.append({piece, got}); !kept) return DownloadStep{false, kept.error().message};
       } else {
         text.append(piece, got);
       }
@@ -252,14 +206,14 @@ tl::expected<HttpResponse, std::string> HttpClient::post(const std::string& path
 }
 
 tl::expected<void, std::string> HttpClient::download(const std::string& path, const std::filesystem::path& file) {
-  PartFile part(file);
-  if (!part.opened()) return tl::unexpected(part.failure());
+  auto part = AtomicFile::create(file);
+  if (!part) return tl::unexpected(part.error().message);
   std::string last_failure;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
-    const auto step = download_some(server_, path, part);
+    const auto step = download_some(server_, path, *part);
     if (step && !step->failure.empty()) return tl::unexpected(step->failure);
     if (step && step->complete) {
-      if (!part.keep()) return tl::unexpected(part.failure());
+      if (auto kept = part->commit(); !kept) return tl::unexpected(kept.error().message);
       return {};
     }
     last_failure = step.error();
