@@ -5,7 +5,6 @@
 #include <sys/mman.h>
 
 #include <algorithm>
-#include <charconv>
 #include <ctime>
 #include <filesystem>
 #include <fstream>
@@ -16,6 +15,7 @@
 #include "acquisition/file_descriptor.h"
 #include "acquisition/frame_sources.h"
 #include "acquisition/lease_book.h"
+#include "acquisition/v4l2_address.h"
 #include "acquisition/v4l2_exposure.h"
 #include "acquisition/v4l2_ioctl.h"
 
@@ -33,49 +33,6 @@ std::int64_t monotonic_ns() {
   timespec t{};
   ::clock_gettime(CLOCK_MONOTONIC, &t);
   return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
-}
-
-/// "/dev/video0?width=1280&height=1024&format=GREY".
-struct Address {
-  std::string path;
-  std::optional<std::uint32_t> width, height, fourcc;
-};
-
-std::string fourcc_text(std::uint32_t fourcc) {
-  std::string text;
-  for (int i = 0; i < 4; ++i) {
-    const char c = static_cast<char>((fourcc >> (8 * i)) & 0x7f);
-    text += c > ' ' && c < 0x7f ? c : '?';
-  }
-  return text;
-}
-
-tl::expected<Address, CameraError> parse_address(const std::string& text) {
-  const std::size_t question = text.find('?');
-  Address address{.path = text.substr(0, question), .width = {}, .height = {}, .fourcc = {}};
-  std::string rest = question == std::string::npos ? "" : text.substr(question + 1);
-  while (!rest.empty()) {
-    const std::string option = rest.substr(0, rest.find('&'));
-    rest.erase(0, std::min(rest.size(), option.size() + 1));
-    const std::size_t equals = std::min(option.find('='), option.size());
-    const std::string key = option.substr(0, equals), value = option.substr(std::min(equals + 1, option.size()));
-    std::uint32_t number = 0;
-    const auto parsed = std::from_chars(value.data(), value.data() + value.size(), number);
-    const bool size =
-        parsed.ec == std::errc{} && parsed.ptr == value.data() + value.size() && number >= 1 && number <= 65535;
-    if (key == "width" && size) {
-      address.width = number;
-    } else if (key == "height" && size) {
-      address.height = number;
-    } else if (key == "format" && (value == "GREY" || value == "YUYV")) {
-      address.fourcc = value == "GREY" ? V4L2_PIX_FMT_GREY : V4L2_PIX_FMT_YUYV;
-    } else {
-      return tl::unexpected(camera_fault(Kind::unsupported, "v4l2:" + address.path, "opening",
-                                         "the option \"" + option + "\" is not understood",
-                                         "use width=PIXELS, height=PIXELS and format=GREY or YUYV, joined by &"));
-    }
-  }
-  return address;
 }
 
 std::string printable(const std::uint8_t* text, std::size_t size) {
@@ -107,7 +64,7 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   }
 
   /// Checks what the device is and sets its format.
-  tl::expected<void, CameraError> configure(const Address& address);
+  tl::expected<void, CameraError> configure(const V4l2Address& address);
 
   const CameraMode& mode() const override { return mode_; }
   tl::expected<void, CameraError> start() override;
@@ -151,8 +108,8 @@ class V4l2Source final : public FrameSource, public FrameReturn {
                                           const std::string& remedy) const {
     return tl::unexpected(camera_fault(Kind::unsupported, device_, operation, cause, remedy));
   }
-  tl::expected<std::uint32_t, CameraError> choose_format(const Address& address) const;
-  tl::expected<void, CameraError> set_format(const Address& address, std::uint32_t fourcc);
+  tl::expected<std::uint32_t, CameraError> choose_format(const V4l2Address& address) const;
+  tl::expected<void, CameraError> set_format(const V4l2Address& address, std::uint32_t fourcc);
   tl::expected<void, CameraError> map_buffers();
   tl::expected<Frame, CameraError> lend(const v4l2_buffer& buffer);
   std::string size_text(std::uint32_t width, std::uint32_t height) const {
@@ -169,7 +126,7 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   std::uint64_t last_sequence_ = 0;
 };
 
-tl::expected<void, CameraError> V4l2Source::configure(const Address& address) {
+tl::expected<void, CameraError> V4l2Source::configure(const V4l2Address& address) {
   v4l2_capability capability{};
   if (const int code = v4l2_ioctl(file_.get(), VIDIOC_QUERYCAP, &capability); code != 0) {
     return fault("asking what it is", code, "this is no video device: give a camera's /dev/videoN");
@@ -203,7 +160,7 @@ tl::expected<void, CameraError> V4l2Source::configure(const Address& address) {
   return {};
 }
 
-tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const Address& address) const {
+tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const V4l2Address& address) const {
   // Cameras that offer GREY have monochrome sensors: every pixel sees the laser and the bus carries half the bytes.
   // YUYV comes from colour sensors, where the laser's own channel is formed from luma and chroma.
   bool grey = false, yuyv = false;
@@ -228,7 +185,7 @@ tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const Address
                      "use a format that it delivers or another camera");
 }
 
-tl::expected<void, CameraError> V4l2Source::set_format(const Address& address, std::uint32_t fourcc) {
+tl::expected<void, CameraError> V4l2Source::set_format(const V4l2Address& address, std::uint32_t fourcc) {
   v4l2_format format{};
   format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
   if (const int code = v4l2_ioctl(file_.get(), VIDIOC_G_FMT, &format); code != 0) {
@@ -430,7 +387,7 @@ tl::expected<Frame, CameraError> V4l2Source::lend(const v4l2_buffer& buffer) {
 }  // namespace
 
 tl::expected<std::unique_ptr<FrameSource>, CameraError> open_v4l2_source(const std::string& text) {
-  const auto address = parse_address(text);
+  const auto address = parse_v4l2_address(text);
   if (!address) return tl::unexpected(address.error());
   const std::string device = "v4l2:" + address->path;
   FileDescriptor file(::open(address->path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));

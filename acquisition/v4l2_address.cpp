@@ -1,0 +1,49 @@
+#include "acquisition/v4l2_address.h"
+
+#include <linux/videodev2.h>
+
+#include <algorithm>
+#include <charconv>
+
+#include "acquisition/camera_fault.h"
+
+namespace celadon {
+
+std::string fourcc_text(std::uint32_t fourcc) {
+  std::string text;
+  for (int i = 0; i < 4; ++i) {
+    const char c = static_cast<char>((fourcc >> (8 * i)) & 0x7f);
+    text += c > ' ' && c < 0x7f ? c : '?';
+  }
+  return text;
+}
+
+tl::expected<V4l2Address, CameraError> parse_v4l2_address(const std::string& text) {
+  const std::size_t question = text.find('?');
+  V4l2Address address{.path = text.substr(0, question), .width = {}, .height = {}, .fourcc = {}};
+  std::string rest = question == std::string::npos ? "" : text.substr(question + 1);
+  while (!rest.empty()) {
+    const std::string option = rest.substr(0, rest.find('&'));
+    rest.erase(0, std::min(rest.size(), option.size() + 1));
+    const std::size_t equals = std::min(option.find('='), option.size());
+    const std::string key = option.substr(0, equals), value = option.substr(std::min(equals + 1, option.size()));
+    std::uint32_t number = 0;
+    const auto parsed = std::from_chars(value.data(), value.data() + value.size(), number);
+    const bool size =
+        parsed.ec == std::errc{} && parsed.ptr == value.data() + value.size() && number >= 1 && number <= 65535;
+    if (key == "width" && size) {
+      address.width = number;
+    } else if (key == "height" && size) {
+      address.height = number;
+    } else if (key == "format" && (value == "GREY" || value == "YUYV")) {
+      address.fourcc = value == "GREY" ? V4L2_PIX_FMT_GREY : V4L2_PIX_FMT_YUYV;
+    } else {
+      return tl::unexpected(camera_fault(CameraError::Kind::unsupported, "v4l2:" + address.path, "opening",
+                                         "the option \"" + option + "\" is not understood",
+                                         "use width=PIXELS, height=PIXELS and format=GREY or YUYV, joined by &"));
+    }
+  }
+  return address;
+}
+
+}  // namespace celadon
