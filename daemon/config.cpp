@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <cmath>
+#include <cstring>
+#include <fstream>
 #include <sstream>
 #include <string_view>
 
@@ -134,6 +137,10 @@ bool starts_with_one_of(const std::string& url, std::initializer_list<const char
 }  // namespace
 
 tl::expected<void, ConfigError> read_config(const std::filesystem::path& file, Config& config) {
+  if (std::ifstream(file).fail()) {
+    return tl::make_unexpected(ConfigError{"The configuration " + file.string() + " cannot be opened: " +
+                                           std::strerror(errno) + "; check the name given with --config."});
+  }
   const toml::parse_result parsed = toml::parse_file(file.string());
   if (!parsed) {
     return tl::make_unexpected(ConfigError{"The configuration " + file.string() + " cannot be read, line " +

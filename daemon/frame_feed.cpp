@@ -172,6 +172,7 @@ tl::expected<void, ScanStop> FrameFeed::keep(const Frame& frame, const AngleAtIn
   if (auto kept = recording_->append(frame, angle, use); !kept) {
     ScanStop stop = stop_of(kept.error());
     stop.camera_lost = false;
+    stop.failure = ScanFailure::system;
     return tl::make_unexpected(std::move(stop));
   }
   return {};

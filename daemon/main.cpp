@@ -15,6 +15,7 @@
 #include "daemon/scan_queue.h"
 #include "daemon/scan_store.h"
 #include "daemon/scanner_connection.h"
+#include "daemon/usage_error.h"
 
 namespace celadon {
 namespace {
@@ -115,7 +116,8 @@ int run(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    return app.exit(e) == 0 ? kGood : kUsage;
+    if (e.get_exit_code() == 0) return app.exit(e);  // help
+    return fail(kUsage, usage_sentence(app, e));
   }
   auto config = configure(line);
   if (!config) return fail(kUsage, config.error().message);

@@ -79,7 +79,10 @@ class Intake {
       tools_.sums.add(profile_.r_mm, profile_.theta_rad, profile_.z_mm);
       running_fit_.offer(tools_.sums);
     }
-    if (auto logged = tools_.log.append(profile_, overlap); !logged) return failed(logged.error().message);
+    if (auto logged = tools_.log.append(profile_, overlap); !logged) {
+      return tl::make_unexpected(
+          ScanStop{ScanState::failed, logged.error().message, false, false, ScanFailure::system});
+    }
     report(turned_rad);
     return {};
   }

@@ -23,8 +23,8 @@ constexpr double kBytesPerSample = 50;
 // More samples than this share off the band that was fixed before the scan: fix it again from the log.
 constexpr double kMostOffBand = 1e-3;
 
-tl::unexpected<ScanStop> failed(const std::string& reason) {
-  return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
+tl::unexpected<ScanStop> failed(const std::string& reason, ScanFailure failure = ScanFailure::system) {
+  return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false, failure});
 }
 
 /// Lasers off and motor stopped on every way out. Until then a cancel or the button also ends waits for a motion.
@@ -185,7 +185,7 @@ tl::expected<RangeFit, ScanStop> solve(const ScanTask& task, const Calibration& 
   const auto all = static_cast<double>(sums.samples() + sums.rejected());
   if (static_cast<double>(sums.rejected()) > kMostOffBand * all) {
     auto grid = choose_grid(**log, options);
-    if (!grid) return failed(grid.error().message);
+    if (!grid) return failed(grid.error().message, ScanFailure::data);
     sums = MomentGrid(*grid);
     (*log)->rewind();
     while (const Profile* p = (*log)->next()) sums.add(p->r_mm, p->theta_rad, p->z_mm);
@@ -195,7 +195,7 @@ tl::expected<RangeFit, ScanStop> solve(const ScanTask& task, const Calibration& 
     return fit_range(sums, profiles, options);
   }();
   if (!(*log)->error().empty()) return failed((*log)->error());
-  if (!fit) return failed("No surface was found: " + fit.error().message);
+  if (!fit) return failed("No surface was found: " + fit.error().message, ScanFailure::data);
   return std::move(*fit);
 }
 

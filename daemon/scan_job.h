@@ -52,6 +52,7 @@ struct ScanStop {
   ScanState state = ScanState::failed;
   std::string reason;
   bool device_lost = false, camera_lost = false;  ///< connect again before the next scan
+  ScanFailure failure = ScanFailure::device;      ///< of failed
 };
 
 /// What a finished scan leaves.

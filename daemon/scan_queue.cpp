@@ -283,6 +283,7 @@ void ScanQueue::run(std::uint64_t id) {
       record.progress.seconds_left = 0;
     } else {
       record.reason = outcome.error().reason;
+      record.failure = outcome.error().failure;
     }
   });
 }

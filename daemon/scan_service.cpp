@@ -146,16 +146,18 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
 }  // namespace
 
 json to_json(const ScanRecord& record) {
-  return {{"id", record.id},
-          {"request", request_json(record.request)},
-          {"requested_by", record.requested_by},
-          {"state", to_string(record.state)},
-          {"reason", record.reason},
-          {"created", record.created},
-          {"progress", progress_json(record.progress)},
-          {"simulated", record.simulated},
-          {"folder", record.folder.string()},
-          {"files", record.files}};
+  json out{{"id", record.id},
+           {"request", request_json(record.request)},
+           {"requested_by", record.requested_by},
+           {"state", to_string(record.state)},
+           {"reason", record.reason},
+           {"created", record.created},
+           {"progress", progress_json(record.progress)},
+           {"simulated", record.simulated},
+           {"folder", record.folder.string()},
+           {"files", record.files}};
+  if (record.state == ScanState::failed) out["failure"] = to_string(record.failure);
+  return out;
 }
 
 json to_json(const MachineState& machine) {

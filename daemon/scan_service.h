@@ -46,8 +46,9 @@ struct ScanRecord {
   ScanRequest request;
   std::string requested_by;  ///< "button", "api"
   ScanState state = ScanState::queued;
-  std::string reason;   ///< of failed, cancelled, interrupted: one sentence with the remedy
-  std::string created;  ///< ISO 8601 UTC
+  ScanFailure failure = ScanFailure::device;  ///< of failed
+  std::string reason;                         ///< of failed, cancelled, interrupted: one sentence with the remedy
+  std::string created;                        ///< ISO 8601 UTC
   ScanProgress progress;
   bool simulated = false;
   std::filesystem::path folder;    ///< of the results

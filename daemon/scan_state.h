@@ -28,4 +28,13 @@ inline bool is_final(ScanState s) {
   return s == ScanState::done || s == ScanState::failed || s == ScanState::cancelled || s == ScanState::interrupted;
 }
 
+/// Whose fault a failed scan was: decides exit codes.
+enum class ScanFailure : std::uint8_t {
+  device,  ///< machine, camera, or what stood before them
+  data,    ///< no surface fits what was measured
+  system   ///< no space, no memory, a folder that cannot be written
+};
+const char* to_string(ScanFailure failure);
+std::optional<ScanFailure> scan_failure_from(std::string_view text);
+
 }  // namespace celadon

@@ -48,6 +48,7 @@ tl::expected<ScanRecord, std::string> parse_record(const std::string& text) {
     const auto state = scan_state_from(json.at("state").get<std::string>());
     if (!state) return tl::make_unexpected("its state is not known");
     record.state = *state;
+    record.failure = scan_failure_from(json.value("failure", "")).value_or(ScanFailure::device);
     auto request = scan_request_from_json(json.at("request"));
     if (!request) return tl::make_unexpected(request.error().detail);
     record.request = *request;

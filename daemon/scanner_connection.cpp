@@ -12,11 +12,6 @@ tl::unexpected<ConnectError> failed(const std::string& message, bool wrong_confi
   return tl::make_unexpected(ConnectError{message, wrong_configuration});
 }
 
-bool cannot_help(const DeviceError& error) {
-  using Kind = DeviceError::Kind;
-  return error.kind == Kind::wrong_protocol;
-}
-
 }  // namespace
 
 tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
@@ -44,9 +39,12 @@ tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string&
     return connection;
   }
   auto transport = open_transport(device_url);
-  if (!transport) return failed(transport.error().message(), cannot_help(transport.error()));
+  // Before there is a machine, a refusal is one of the address.
+  if (!transport) return failed(transport.error().message(), transport.error().kind == DeviceError::Kind::refused);
   auto device = ScannerDevice::open(std::move(*transport), *connection.clock);
-  if (!device) return failed(device.error().message(), cannot_help(device.error()));
+  if (!device) {
+    return failed(device.error().message(), device.error().kind == DeviceError::Kind::wrong_protocol);
+  }
   connection.device = std::move(*device);
 
   auto camera = open_frame_source(camera_url);

@@ -278,8 +278,10 @@ tl::expected<SurfaceFile, std::string> parse_surface_json(const std::string& tex
   json root;
   try {
     root = json::parse(text);
-  } catch (const json::exception& e) {
-    return problem(std::string("it is not JSON (") + e.what() + ")");
+  } catch (const json::parse_error& e) {
+    return problem("it is not JSON from its byte " + std::to_string(e.byte) + " on");
+  } catch (const json::exception&) {
+    return problem("it has a number beyond those of double precision");
   }
   try {
     const Reader reader(root, "");

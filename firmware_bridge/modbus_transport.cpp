@@ -1,4 +1,5 @@
 #include <modbus/modbus.h>
+#include <netdb.h>
 #include <sys/select.h>
 
 #include <cerrno>
@@ -66,7 +67,7 @@ class ModbusTransport final : public Transport {
 
   tl::expected<void, LinkError> reconnect() override {
     disconnect();
-    if (modbus_connect(context_.get()) != 0) return tl::unexpected(link_error(errno, place_.timeout_ms));
+    if (modbus_connect(context_.get()) != 0) return tl::unexpected(connect_error(errno));
     if (modbus_get_socket(context_.get()) >= FD_SETSIZE) {  // libmodbus waits with select()
       disconnect();
       return tl::unexpected(link_error(EMFILE, place_.timeout_ms));
@@ -105,6 +106,20 @@ class ModbusTransport final : public Transport {
     // opening it may reset the controller.
     if (error.kind != Kind::refused && (!serial || error.kind == Kind::lost)) disconnect();
     return tl::unexpected(std::move(error));
+  }
+
+  // libmodbus says "connection refused" of a name that it cannot resolve.
+  LinkError connect_error(int error) const {
+    if (const auto* tcp = std::get_if<ModbusTcpPlace>(&place_.link)) {
+      addrinfo* found = nullptr;
+      const int code = ::getaddrinfo(tcp->host.c_str(), nullptr, nullptr, &found);
+      if (code != 0) {
+        return {Kind::not_found, error, "the host \"" + tcp->host + "\" is not known (" + ::gai_strerror(code) + ")",
+                true};
+      }
+      ::freeaddrinfo(found);
+    }
+    return link_error(error, place_.timeout_ms);
   }
 
   void disconnect() {

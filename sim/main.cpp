@@ -221,10 +221,12 @@ int write_calibration(const Options& o, const std::string& file) {
   out << text;
   out.close();
   std::error_code error;
+  std::string cause = out ? "" : std::strerror(errno);
   if (out) std::filesystem::rename(part, file, error);
+  if (error) cause = error.message();
   if (!out || error) {
     std::filesystem::remove(part, error);
-    return fail(kSystem, "writing " + file + " failed: " + std::strerror(errno));
+    return fail(kSystem, "writing " + file + " failed: " + cause + "; free some space or choose another folder");
   }
   return kGood;
 }

@@ -14,6 +14,7 @@
 #include "daemon/files/cloud_files.h"
 #include "daemon/report.h"
 #include "daemon/results.h"
+#include "daemon/usage_error.h"
 #include "fitting/range_fit.h"
 
 namespace celadon::cli {
@@ -165,9 +166,11 @@ void add_fit_command(CLI::App& program, Run& run) {
   command
       ->add_option("--tolerance", arguments->tolerance_mm,
                    "refine until 95 % of the errors are below it [mm]; 0: what the data carry")
-      ->check(CLI::NonNegativeNumber);
-  command->add_option("--form-tolerance", arguments->form_tolerance_mm,
-                      "deviation from a simpler form that is accepted [mm]; negative: 1e-9 of the size");
+      ->check(not_negative());
+  command
+      ->add_option("--form-tolerance", arguments->form_tolerance_mm,
+                   "deviation from a simpler form that is accepted [mm]; negative: 1e-9 of the size")
+      ->check(finite());
   command->add_option("--degree", arguments->degree, "degrees of the range function along z and theta, 1 to 5")
       ->expected(2)
       ->check(CLI::Range(1, 5));
@@ -181,7 +184,7 @@ void add_fit_command(CLI::App& program, Run& run) {
                    "continuity at the meridians 0, 90, 180, 270 degrees: curvature, or as in the thesis")
       ->check(CLI::IsMember({"curvature", "thesis"}));
   command->add_option("--chord", arguments->chord_mm, "chord tolerance of meshes [mm]; 0: 1e-4 of the size")
-      ->check(CLI::NonNegativeNumber);
+      ->check(not_negative());
   command->add_option("--name", arguments->name, "name of the part in the files; default: that of the input");
   command->add_option("--date", arguments->date, "date in the files, ISO 8601 UTC; default: none");
   command->add_flag("--ap214", arguments->ap214, "STEP AP214 instead of AP242");

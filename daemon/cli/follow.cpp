@@ -101,7 +101,9 @@ int follow_scan(HttpClient& client, std::uint64_t id, const FollowOptions& optio
     return fail(interrupted() ? 130 : 1,
                 "scan " + std::to_string(id) + " was cancelled" + (reason.empty() ? "" : ": " + reason));
   }
-  return fail(3, "scan " + std::to_string(id) + " " + to_string(state) + ": " + reason);
+  const auto failure = scan_failure_from(last.value("failure", "")).value_or(ScanFailure::device);
+  const int code = failure == ScanFailure::system ? 4 : failure == ScanFailure::data ? 1 : 3;
+  return fail(code, "scan " + std::to_string(id) + " " + to_string(state) + ": " + reason);
 }
 
 }  // namespace celadon::cli

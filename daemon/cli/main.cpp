@@ -8,6 +8,7 @@
 #include <string>
 
 #include "daemon/cli/commands.h"
+#include "daemon/usage_error.h"
 
 namespace celadon::cli {
 
@@ -40,7 +41,8 @@ int main(int argc, char** argv) {
     program.parse(argc, argv);
     return run();
   } catch (const CLI::ParseError& error) {
-    return program.exit(error) == 0 ? 0 : 2;
+    if (error.get_exit_code() == 0) return program.exit(error);  // help and version
+    return fail(2, celadon::usage_sentence(program, error));
   } catch (const std::bad_alloc&) {
     return fail(4, "out of memory; close other programs or fit fewer control points");
   } catch (const std::exception& error) {

@@ -12,6 +12,7 @@
 #include "daemon/cli/follow.h"
 #include "daemon/cli/virtual_scanner.h"
 #include "daemon/http/http_client.h"
+#include "daemon/usage_error.h"
 
 namespace celadon::cli {
 namespace {
@@ -47,7 +48,8 @@ json request_of(const ScanArguments& a) {
 int refused(const HttpResponse& answer) {
   const auto problem = json::parse(answer.body, nullptr, false);
   const std::string detail = problem.is_object() ? problem.value("detail", answer.body) : answer.body;
-  return fail(answer.status >= 500 ? 3 : 2, detail);
+  constexpr int kInsufficientStorage = 507;
+  return fail(answer.status == kInsufficientStorage ? 4 : answer.status >= 500 ? 3 : 2, detail);
 }
 
 int scan(const ScanArguments& arguments) {
@@ -128,16 +130,18 @@ void add_scan_command(CLI::App& program, Run& run) {
       ->check(CLI::IsMember({"step", "sweep"}));
   command->add_option("--profiles", a->profiles, "a turn, 16 to 100000")->check(CLI::Range(16, 100000));
   command->add_option("--exposure", a->exposure_ms, "exposure time [ms]; 0: as the camera stands")
-      ->check(CLI::NonNegativeNumber);
+      ->check(not_negative());
   command->add_option("--model", a->model, "how general the surface is")
       ->check(CLI::IsMember({"auto", "cylinder", "revolution", "translational", "general"}));
   command
       ->add_option("--tolerance", a->tolerance_mm,
                    "refine until 95 % of the errors are below it [mm]; 0: what the data carry")
-      ->check(CLI::NonNegativeNumber);
-  command->add_option(
-      "--form-tolerance", a->form_tolerance_mm,
-      "deviation from a simpler form that is accepted [mm]; negative: the calibration's systematic uncertainty");
+      ->check(not_negative());
+  command
+      ->add_option(
+          "--form-tolerance", a->form_tolerance_mm,
+          "deviation from a simpler form that is accepted [mm]; negative: the calibration's systematic uncertainty")
+      ->check(finite());
   command->add_option("--degree", a->degree, "degrees of the range function along z and theta, 1 to 5")
       ->expected(2)
       ->check(CLI::Range(1, 5));
