@@ -56,7 +56,7 @@ class ScanQueue final : public ScanService {
  private:
   class Observer;
 
-  // The owner's thread, from top to bottom.
+  // The owner's thread, from top to bottom (machine_owner.cpp).
   void own_machine() CELADON_EXCLUDES(mutex_);
   void connect() CELADON_EXCLUDES(mutex_);
   void watch_machine() CELADON_EXCLUDES(mutex_);

@@ -1,0 +1,283 @@
+// The thread of the scan queue that owns machine and camera: connects, watches, scans, makes safe. What clients see of
+// it is in scan_queue.cpp.
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include <spdlog/spdlog.h>
+
+#include "daemon/scan_queue.h"
+
+namespace celadon {
+namespace {
+
+const char* motion_text(MotionState state) {
+  return protocol::find_code(protocol::kMotionStates, static_cast<std::uint16_t>(state)).name;
+}
+
+LampPattern lamp_of(ScanState state) {
+  switch (state) {
+    case ScanState::preparing:
+      return LampPattern::warning;  // the laser is about to shine and the table to turn
+    case ScanState::scanning:
+    case ScanState::paused:
+    case ScanState::solving:
+    case ScanState::exporting:
+      return LampPattern::busy;
+    case ScanState::done:
+      return LampPattern::done;
+    case ScanState::failed:
+    case ScanState::cancelled:
+    case ScanState::interrupted:
+      return LampPattern::attention;
+    case ScanState::idle:
+    case ScanState::queued:
+      break;
+  }
+  return LampPattern::ready;
+}
+
+}  // namespace
+
+/// What a running scan tells, into the records.
+class ScanQueue::Observer final : public ScanObserver {
+ public:
+  Observer(ScanQueue& queue, std::uint64_t id) : queue_(queue), id_(id) {}
+
+  void on_state(ScanState state) override {
+    spdlog::info("scan {}: {}", id_, to_string(state));
+    queue_.show_lamp(lamp_of(state));
+    {
+      const MutexLock lock(queue_.mutex_);
+      queue_.machine_.state = state;
+    }
+    queue_.change(id_, true, [&](ScanRecord& record) { record.state = state; });
+  }
+  void on_progress(const ScanProgress& progress) override {
+    queue_.change(id_, false, [&](ScanRecord& record) { record.progress = progress; });
+  }
+  void on_status(const DeviceStatus& status) override { queue_.note_status(status); }
+  std::optional<std::string> cancelled() override {
+    const MutexLock lock(queue_.mutex_);
+    if (queue_.stop_) return "because the daemon ends";
+    return queue_.cancel_;
+  }
+
+ private:
+  ScanQueue& queue_;
+  const std::uint64_t id_;
+};
+
+void ScanQueue::own_machine() {
+  while (!stopping()) {
+    if (!connection_) {
+      connect();
+      continue;
+    }
+    std::optional<std::uint64_t> next;
+    {
+      const MutexLock lock(mutex_);
+      if (!queue_.empty()) {
+        next = queue_.front();
+        queue_.pop_front();
+        cancel_.reset();
+        machine_.current_scan = *next;
+      }
+    }
+    if (next) {
+      run(*next);
+    } else {
+      watch_machine();
+      sleep(options_.poll_period);
+    }
+  }
+  std::deque<std::uint64_t> left;
+  {
+    const MutexLock lock(mutex_);
+    left.swap(queue_);
+  }
+  for (const std::uint64_t id : left) {
+    change(id, true, [](ScanRecord& record) {
+      record.state = ScanState::cancelled;
+      record.reason = "The daemon ended before the scan began; start it again.";
+    });
+  }
+  if (connection_) {
+    show_lamp(LampPattern::off);
+    if (connection_->device) spdlog::info("machine made safe: {}", connection_->device->make_safe().text);
+    connection_.reset();
+  }
+}
+
+void ScanQueue::connect() {
+  auto connection = connect_();
+  if (connection) {
+    connection_ = std::move(*connection);
+    const std::string machine = connection_->device ? connection_->device->identity().machine : calibration_.machine;
+    const bool simulated = is_simulated(*connection_);
+    if (connection_->device) {
+      spdlog::info("connected to {} at {}, camera {} at {}{}", machine, options_.device_url,
+                   connection_->camera->mode().identity, options_.camera_url, simulated ? " (simulated)" : "");
+      if (const auto& found = connection_->device->found_at_open().text; !found.empty()) spdlog::info("{}", found);
+      connection_->device->take_button_presses();
+    } else {
+      spdlog::info("recording of {} at {}{}", connection_->camera->mode().identity, options_.camera_url,
+                   simulated ? " (simulated)" : "");
+    }
+    retry_ = options_.first_retry;
+    lamp_ = LampPattern::off;
+    result_lamp_.reset();
+    was_locked_ = false;
+    const MutexLock lock(mutex_);
+    machine_.connected = true;
+    machine_.machine = machine;
+    machine_.simulated = simulated;
+    machine_.error.clear();
+    first_attempt_done_ = true;
+    wake_.notify_all();
+    return;
+  }
+  bool known = false;
+  {
+    const MutexLock lock(mutex_);
+    known = machine_.error == connection.error().message;
+    machine_.connected = false;
+    machine_.error = connection.error().message;
+    if (!first_attempt_done_ && connection.error().wrong_configuration) refused_ = connection.error();
+    first_attempt_done_ = true;
+    wake_.notify_all();
+  }
+  // Each cause once: an absent machine would fill the log.
+  if (!known) spdlog::error("no machine: {}", connection.error().message);
+  const MutexLock lock(mutex_);
+  if (!stop_) wake_.wait_for(mutex_, retry_);
+  retry_ = std::min(2 * retry_, options_.longest_retry);
+}
+
+/// One look at the machine while no scan runs: heartbeat, state for the clients, the button.
+void ScanQueue::watch_machine() {
+  if (!connection_->device) return;
+  auto status = connection_->device->poll();
+  if (!status) {
+    const auto kind = status.error().kind;
+    if (kind == DeviceError::Kind::fault || kind == DeviceError::Kind::interlock) {
+      spdlog::warn("{}", status.error().message());
+      return;
+    }
+    lose_connection(status.error().message());
+    return;
+  }
+  const bool unlocked_now = was_locked_ && !status->local_action_needed;
+  note_status(*status);
+  // A press that unlocks the machine after a stop means "go on", not "scan".
+  const int presses = connection_->device->take_button_presses() - (unlocked_now ? 1 : 0);
+
+  if (result_lamp_ && std::chrono::steady_clock::now() > result_lamp_end_) result_lamp_.reset();
+  const bool unfit = status->local_action_needed || !status->interlock_closed || status->emergency_stop;
+  const LampPattern idle = result_lamp_.value_or(LampPattern::ready);
+  show_lamp(status->fault_code != 0 ? LampPattern::fault : unfit ? LampPattern::attention : idle);
+
+  if (presses <= 0 || status->local_action_needed) return;
+  spdlog::info("button pressed");
+  if (auto submitted = submit(options_.button_request, "button"); !submitted) {
+    spdlog::warn("the button's scan was not taken: {}", submitted.error().detail);
+  }
+}
+
+void ScanQueue::run(std::uint64_t id) {
+  ScanTask task;
+  {
+    const MutexLock lock(mutex_);
+    const ScanRecord& record = records_.at(id);
+    task.request = record.request;
+    task.date = record.created;
+    task.log_file = store_.log_file(id);
+    task.results_folder = store_.results_folder(id);
+    if (!options_.recordings.empty()) task.recording_folder = options_.recordings / std::to_string(id);
+  }
+  const bool simulated = is_simulated(*connection_);
+  change(id, false, [&](ScanRecord& record) { record.simulated = simulated; });
+  Observer observer(*this, id);
+  const ScanEquipment equipment{connection_->device.get(), *connection_->camera, *connection_->clock, calibration_,
+                                connection_->truth.get(),  options_.volume};
+  auto outcome = run_scan(equipment, task, observer);
+
+  const ScanState state = outcome ? ScanState::done : outcome.error().state;
+  if (outcome) {
+    for (const std::string& warning : outcome->warnings) spdlog::warn("scan {}: {}", id, warning);
+    spdlog::info("scan {}: done, {} files in {}, {:.0f} ms from the last frame to the STEP file", id,
+                 outcome->files.size(), task.results_folder.string(), outcome->last_frame_to_step_s * 1e3);
+  } else {
+    spdlog::warn("scan {}: {}: {}", id, to_string(state), outcome.error().reason);
+  }
+  result_lamp_ = lamp_of(state);
+  result_lamp_end_ = std::chrono::steady_clock::now() + options_.result_lamp;
+  show_lamp(*result_lamp_);
+  {
+    const MutexLock lock(mutex_);
+    machine_.state = ScanState::idle;
+    machine_.current_scan = 0;
+  }
+  // First the machine, then the scan: who hears of its end and asks for another must not meet a machine that is lost.
+  if (!outcome && (outcome.error().device_lost || outcome.error().camera_lost)) lose_connection(outcome.error().reason);
+  change(id, true, [&](ScanRecord& record) {
+    record.state = state;
+    if (outcome) {
+      record.files = outcome->files;
+      record.progress.fraction = 1;
+      record.progress.seconds_left = 0;
+    } else {
+      record.reason = outcome.error().reason;
+      record.failure = outcome.error().failure;
+    }
+  });
+}
+
+void ScanQueue::lose_connection(const std::string& reason) {
+  spdlog::error("connection lost: {}", reason);
+  connection_.reset();
+  std::deque<std::uint64_t> left;
+  {
+    const MutexLock lock(mutex_);
+    machine_.connected = false;
+    machine_.error = reason;
+    machine_.laser_on = false;
+    left.swap(queue_);
+  }
+  // A scan that starts by itself when the machine comes back would surprise whoever stands before it.
+  for (const std::uint64_t id : left) {
+    change(id, true, [&](ScanRecord& record) {
+      record.state = ScanState::failed;
+      record.reason = "The machine was lost before the scan began: " + reason;
+    });
+  }
+}
+
+void ScanQueue::show_lamp(LampPattern pattern) {
+  if (pattern == lamp_ || !connection_->device) return;
+  // A lamp that fails is no reason to stop; a lost link shows at the next poll.
+  if (connection_->device->set_lamp(pattern)) lamp_ = pattern;
+}
+
+void ScanQueue::note_status(const DeviceStatus& status) {
+  was_locked_ = status.local_action_needed;
+  const MutexLock lock(mutex_);
+  machine_.motion = motion_text(status.motion);
+  machine_.angle_deg = std::remainder(status.angle_rad * 180 / std::numbers::pi, 360.);
+  if (machine_.angle_deg < 0) machine_.angle_deg += 360;
+  machine_.interlock_closed = status.interlock_closed;
+  machine_.laser_on = status.lasers_on != 0;
+  machine_.fault = status.fault_text;
+}
+
+bool ScanQueue::stopping() const {
+  const MutexLock lock(mutex_);
+  return stop_;
+}
+
+void ScanQueue::sleep(std::chrono::nanoseconds time) {
+  const MutexLock lock(mutex_);
+  if (!stop_ && queue_.empty()) wake_.wait_for(mutex_, time);
+}
+
+}  // namespace celadon
