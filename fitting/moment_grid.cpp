@@ -97,7 +97,8 @@ void MomentGrid::add_constant_theta(double theta, std::span<const double> r, std
   require_lengths(r.size(), z.size(), z.size(), "add_constant_theta");
   const double v = std::isfinite(theta) ? arcs_.v_of_theta(theta) : -1;
   const auto grid = kernel_grid(specification_, layout_, v_cells(), cells_.data());
-  const std::size_t good = moment_kernels::add_profile(grid, v, r.data(), z.data(), r.size());
+  const bool positive = moment_kernels::all_positive(r.data(), r.size());
+  const std::size_t good = moment_kernels::add_profile(grid, v, r.data(), z.data(), r.size(), positive);
   samples_ += good;
   if (good < r.size()) {
     const std::vector<double> same(r.size(), v);
@@ -118,7 +119,7 @@ void MomentGrid::add_cartesian(std::span<const double> x, std::span<const double
   }
 }
 
-// Rows that share a v cell share the weight moments along z; each row's ranges are reduced against stored powers of s.
+// Rows that share a v cell are summed column by column, then against the powers of s; the weight moments are products.
 void MomentGrid::add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1, Eigen::RowMajor>>& r,
                              double theta_offset, std::span<const double> z) {
   const auto columns = static_cast<std::size_t>(r.cols());
@@ -128,72 +129,78 @@ void MomentGrid::add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1
   const int p = spec.degree_u, q = spec.degree_v;
   const double z_scale = spec.z_intervals / (spec.z_end_mm - spec.z_start_mm);
 
-  moment_kernels::RegularColumns prepared;
-  prepared.columns = columns;
-  prepared.powers.resize(columns * static_cast<std::size_t>(p + 1));
-  std::vector<double> line_moments;  // (2 p + 1) of each run
+  // Runs of columns that share a z cell, their sums of powers of s, and the powers of every column.
+  struct Run {
+    std::size_t first, count;
+    int z_cell;
+    std::array<double, 11> moments{};
+  };
+  std::vector<Run> runs;
+  std::vector<double> s_powers(columns * static_cast<std::size_t>(p + 1));
   std::size_t inside = 0;
   for (std::size_t j = 0; j < columns; ++j) {
     const double x = (z[j] - spec.z_start_mm) * z_scale;
     if (!(x >= 0 && x <= spec.z_intervals)) continue;
     const int cell = std::min(static_cast<int>(x), spec.z_intervals - 1);
     const double s = 2 * (x - cell) - 1;
-    auto& runs = prepared.runs;
-    if (runs.empty() || runs.back().z_cell != cell || runs.back().first + runs.back().count != j) {
+    if (runs.empty() || runs.back().z_cell != cell || runs.back().first + runs.back().count != j)
       runs.push_back({j, 0, cell});
-      line_moments.resize(line_moments.size() + static_cast<std::size_t>(2 * p + 1));
-    }
-    ++runs.back().count;
+    Run& run = runs.back();
+    ++run.count;
     ++inside;
     double power = 1;
     for (int b = 0; b <= 2 * p; ++b, power *= s) {
-      if (b <= p) prepared.powers[static_cast<std::size_t>(b) * columns + j] = power;
-      line_moments[line_moments.size() - static_cast<std::size_t>(2 * p + 1 - b)] += power;
+      if (b <= p) s_powers[static_cast<std::size_t>(b) * columns + j] = power;
+      run.moments[static_cast<std::size_t>(b)] += power;
     }
   }
 
-  const auto per_run = static_cast<std::size_t>(p + 2);
-  std::vector<double> sums(prepared.runs.size() * per_run);
-  std::array<double, 11> t_powers{}, t_sums{};
+  const auto powers_v = static_cast<std::size_t>(q + 1);
+  std::vector<const double*> rows;  // of the current v cell
+  std::vector<double> t_powers, sums((powers_v + 1) * columns), ones(columns, 1.0);
+  std::array<double, 11> t_sums{};
   int current = -1;
-  const auto column_of = [&](int v_cell) {
-    return cells_.data() + static_cast<std::size_t>(v_cell * z_cells()) * static_cast<std::size_t>(layout_.stride());
-  };
-  const auto flush_weights = [&] {
-    for (std::size_t run = 0; current >= 0 && run < prepared.runs.size(); ++run) {
-      double* to = column_of(current) + prepared.runs[run].z_cell * layout_.stride();
+  const auto flush = [&] {
+    if (rows.empty()) return;
+    moment_kernels::sum_rows({rows.data(), t_powers.data(), rows.size(), columns, q}, sums.data());
+    for (const Run& run : runs) {
+      double* to = cells_.data() + static_cast<std::ptrdiff_t>(current * z_cells() + run.z_cell) * layout_.stride();
       for (int b = 0; b <= 2 * p; ++b)
         for (int a = 0; a <= 2 * q; ++a)
-          to[layout_.weight(b, a)] +=
-              line_moments[run * static_cast<std::size_t>(2 * p + 1) + static_cast<std::size_t>(b)] *
-              t_sums[static_cast<std::size_t>(a)];
+          to[layout_.weight(b, a)] += run.moments[static_cast<std::size_t>(b)] * t_sums[static_cast<std::size_t>(a)];
+      std::array<double, 6> moments{};
+      for (int b = 0; b <= p; ++b) {
+        moment_kernels::dot_products(sums.data() + run.first, columns, q + 1,
+                                     s_powers.data() + static_cast<std::size_t>(b) * columns + run.first, run.count,
+                                     moments.data());
+        for (int a = 0; a <= q; ++a) to[layout_.range(b, a)] += moments[static_cast<std::size_t>(a)];
+      }
+      moment_kernels::dot_products(sums.data() + powers_v * columns + run.first, columns, 1, ones.data(), run.count,
+                                   moments.data());
+      to[layout_.square()] += moments[0];
     }
+    rows.clear();
+    t_powers.clear();
     t_sums.fill(0);
   };
   for (Eigen::Index i = 0; i < r.rows(); ++i) {
     const double theta = 2 * std::numbers::pi * (static_cast<double>(i) + theta_offset) / static_cast<double>(r.rows());
     const double* row = r.row(i).data();
-    if (!moment_kernels::reduce_row(prepared, p, row, sums.data())) {
+    if (!moment_kernels::all_positive(row, columns)) {
       add_constant_theta(theta, {row, columns}, z);
       continue;
     }
     const double y = arcs_.v_of_theta(theta) * spec.intervals_per_arc;
     const int v_cell = std::min(static_cast<int>(y), v_cells() - 1);
-    const double t = 2 * (y - v_cell) - 1;
     if (v_cell != current) {
-      flush_weights();
+      flush();
       current = v_cell;
     }
-    t_powers[0] = 1;
-    for (std::size_t a = 1; a <= static_cast<std::size_t>(2 * q); ++a) t_powers[a] = t_powers[a - 1] * t;
-    for (std::size_t a = 0; a <= static_cast<std::size_t>(2 * q); ++a) t_sums[a] += t_powers[a];
-    for (std::size_t run = 0; run < prepared.runs.size(); ++run) {
-      double* to = column_of(v_cell) + prepared.runs[run].z_cell * layout_.stride();
-      for (int b = 0; b <= p; ++b)
-        for (int a = 0; a <= q; ++a)
-          to[layout_.range(b, a)] +=
-              sums[run * per_run + static_cast<std::size_t>(b)] * t_powers[static_cast<std::size_t>(a)];
-      to[layout_.square()] += sums[run * per_run + per_run - 1];
+    rows.push_back(row);
+    double power = 1;
+    for (int a = 0; a <= 2 * q; ++a, power *= 2 * (y - v_cell) - 1) {
+      if (a <= q) t_powers.push_back(power);
+      t_sums[static_cast<std::size_t>(a)] += power;
     }
     samples_ += inside;
     if (inside < columns) {
@@ -201,7 +208,7 @@ void MomentGrid::add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1
       count_rejected({row, columns}, v, z, {});
     }
   }
-  flush_weights();
+  flush();
 }
 
 void MomentGrid::merge(const MomentGrid& other) {

@@ -204,50 +204,112 @@ std::size_t add_block(const Grid& g, const double* r, const double* z, const dou
   return good;
 }
 
-// One-dimensional sums of a run of samples in one z cell.
+// Sums over the lanes of n vectors.
+HWY_INLINE void sums_of_lanes(const hn::Vec<D>* v, int n, double* HWY_RESTRICT out) {
+  const D d;
+  int k = 0;
+#if HWY_TARGET != HWY_SCALAR && HWY_MAX_BYTES == 32
+  // Four vectors of four at a time, by transposing them.
+  for (; k + 4 <= n; k += 4) {
+    const auto ab = hn::Add(hn::InterleaveLower(d, v[k], v[k + 1]), hn::InterleaveUpper(d, v[k], v[k + 1]));
+    const auto cd = hn::Add(hn::InterleaveLower(d, v[k + 2], v[k + 3]), hn::InterleaveUpper(d, v[k + 2], v[k + 3]));
+    hn::StoreU(hn::Add(hn::ConcatLowerLower(d, cd, ab), hn::ConcatUpperUpper(d, cd, ab)), d, out + k);
+  }
+#endif
+  for (; k < n; ++k) out[k] = hn::GetLane(hn::SumOfLanes(d, v[k]));
+}
+
+// One-dimensional sums of a run of samples in one z cell: s^1..s^2p, then r s^0..r s^p, then r^2.
 template <int kP>
 struct LineSums {
-  hn::Vec<D> moments[2 * kP + 1], ranges[kP + 1], square;
+  static constexpr int kSums = 3 * kP + 2;
+  hn::Vec<D> sums[kSums];
+  double count;
   HWY_INLINE void clear() {
-    const D d;
-    for (auto& m : moments) m = hn::Zero(d);
-    for (auto& m : ranges) m = hn::Zero(d);
-    square = hn::Zero(d);
+    for (auto& sum : sums) sum = hn::Zero(D());
+    count = 0;
   }
-  // `one` is 1 in lanes that count, s and r are zero in the others.
-  HWY_INLINE void add(hn::Vec<D> one, hn::Vec<D> s, hn::Vec<D> r) {
-    moments[0] = hn::Add(moments[0], one);
-    ranges[0] = hn::Add(ranges[0], r);
-    square = hn::MulAdd(r, r, square);
+  // s and r are zero in lanes that do not count.
+  HWY_INLINE void add(std::size_t samples, hn::Vec<D> s, hn::Vec<D> r) {
+    count += static_cast<double>(samples);
+    sums[0] = hn::Add(sums[0], s);
+    sums[2 * kP] = hn::Add(sums[2 * kP], r);
+    sums[2 * kP + 1] = hn::MulAdd(r, s, sums[2 * kP + 1]);
     auto power = s;
-    for (int b = 1; b <= 2 * kP; ++b) {
-      moments[b] = hn::Add(moments[b], power);
-      if (b <= kP) ranges[b] = hn::MulAdd(r, power, ranges[b]);
-      if (b < 2 * kP) power = hn::Mul(power, s);
+    for (int b = 2; b <= kP; ++b) {
+      power = hn::Mul(power, s);
+      sums[b - 1] = hn::Add(sums[b - 1], power);
+      sums[2 * kP + b] = hn::MulAdd(r, power, sums[2 * kP + b]);
     }
+    const auto highest = power;  // s^p: the higher powers are its products with the lower ones
+    auto low = s;
+    for (int b = kP + 1; b <= 2 * kP; ++b) {
+      sums[b - 1] = hn::MulAdd(highest, low, sums[b - 1]);
+      if (b < 2 * kP) low = hn::Mul(low, s);
+    }
+    sums[3 * kP + 1] = hn::MulAdd(r, r, sums[3 * kP + 1]);
   }
   HWY_INLINE void flush(const MomentLayout& layout, const double* t_powers, double* HWY_RESTRICT cell) {
-    const D d;
     const DW dw;
     const DR dr;
+    double line[kSums + 1];
+    line[0] = count;
+    sums_of_lanes(sums, kSums, line + 1);
     for (int b = 0; b <= 2 * kP; ++b) {
-      const auto sum = hn::Set(dw, hn::GetLane(hn::SumOfLanes(d, moments[b])));
+      const auto sum = hn::Set(dw, line[b]);
       double* row = cell + layout.weight(b, 0);
       for (int a = 0; a < layout.weight_lanes; a += static_cast<int>(hn::Lanes(dw)))
         hn::Store(hn::MulAdd(hn::Load(dw, t_powers + a), sum, hn::Load(dw, row + a)), dw, row + a);
     }
     for (int b = 0; b <= kP; ++b) {
-      const auto sum = hn::Set(dr, hn::GetLane(hn::SumOfLanes(d, ranges[b])));
+      const auto sum = hn::Set(dr, line[2 * kP + 1 + b]);
       double* row = cell + layout.range(b, 0);
       for (int a = 0; a < layout.range_lanes; a += static_cast<int>(hn::Lanes(dr)))
         hn::Store(hn::MulAdd(hn::Load(dr, t_powers + a), sum, hn::Load(dr, row + a)), dr, row + a);
     }
-    cell[layout.square()] += hn::GetLane(hn::SumOfLanes(d, square));
+    cell[layout.square()] += line[kSums];
     clear();
   }
 };
 
+bool all_positive(const double* values, std::size_t n) {
+  const D d;
+  const std::size_t lanes = hn::Lanes(d);
+  const auto zero = hn::Zero(d), largest = hn::Set(d, std::numeric_limits<double>::max());
+  auto good = hn::Eq(zero, zero);
+  std::size_t k = 0;
+  for (; k + lanes <= n; k += lanes) {
+    const auto value = hn::LoadU(d, values + k);
+    good = hn::And(good, hn::And(hn::Gt(value, zero), hn::Le(value, largest)));
+  }
+  bool all = hn::AllTrue(d, good);
+  for (; k < n; ++k) all = all && values[k] > 0 && values[k] <= std::numeric_limits<double>::max();
+  return all;
+}
+
+// Whole vectors inside the current cell, whatever the order of the samples; one that touches the cell's edge ends the
+// run. The sums stay in registers. @pre all of r is positive
 template <int kP>
+HWY_INLINE std::size_t add_run(LineSums<kP>& sums, const Grid& g, double current, const double* r, const double* z,
+                               std::size_t n) {
+  const D d;
+  const std::size_t lanes = hn::Lanes(d);
+  const auto one = hn::Set(d, 1.0), two = hn::Set(d, 2.0), origin = hn::Set(d, 2 * current + 1);
+  const auto z_start = hn::Set(d, g.z_start), z_scale = hn::Set(d, g.z_scale);
+  LineSums<kP> in_registers = sums;
+  std::size_t k = 0;
+  for (; k + lanes <= n; k += lanes) {
+    const auto x = hn::Mul(hn::Sub(hn::LoadU(d, z + k), z_start), z_scale);
+    const auto s = hn::MulSub(two, x, origin);
+    if (HWY_UNLIKELY(!hn::AllTrue(d, hn::Lt(hn::Abs(s), one)))) break;
+    in_registers.add(0, s, hn::LoadU(d, r + k));
+  }
+  in_registers.count += static_cast<double>(k);
+  sums = in_registers;
+  return k;
+}
+
+template <int kP, bool kPositive>
 std::size_t add_line(const Grid& g, double v, const double* r, const double* z, std::size_t n) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
@@ -271,6 +333,12 @@ std::size_t add_line(const Grid& g, double v, const double* r, const double* z, 
   HWY_ALIGN double tail[2][hn::MaxLanes(D())] = {};
   HWY_ALIGN double cell_of[hn::MaxLanes(D())];
   for (std::size_t k = 0; k < n; k += lanes) {
+    if (kPositive && current >= 0) {
+      const std::size_t run = add_run(sums, g, current, r + k, z + k, n - k);
+      good += run;
+      k += run;
+      if (k == n) break;
+    }
     const double *rk = r + k, *zk = z + k;
     if (k + lanes > n) {
       std::copy(rk, r + n, tail[0]);
@@ -279,16 +347,11 @@ std::size_t add_line(const Grid& g, double v, const double* r, const double* z, 
     }
     const auto range = hn::LoadU(d, rk);
     const auto x = hn::Mul(hn::Sub(hn::LoadU(d, zk), z_start), z_scale);
+    // A vector that crosses into other cells, or may hold bad samples: cell by cell.
     const auto ok =
         hn::And(hn::And(hn::Ge(x, zero), hn::Le(x, nz)), hn::And(hn::Gt(range, zero), hn::Le(range, largest)));
     const auto cell = hn::Min(hn::Floor(x), last);
     const auto s = hn::Sub(hn::Mul(two, hn::Sub(x, cell)), one);
-    if (HWY_LIKELY(hn::AllTrue(d, hn::And(ok, hn::Eq(cell, hn::Set(d, current)))))) {
-      sums.add(one, s, range);
-      good += lanes;
-      continue;
-    }
-    // A vector that crosses into other cells: cell by cell, whatever their order.
     auto left = ok;
     good += hn::CountTrue(d, ok);
     hn::Store(cell, d, cell_of);
@@ -299,7 +362,7 @@ std::size_t add_line(const Grid& g, double v, const double* r, const double* z, 
         current = next;
       }
       const auto here = hn::And(left, hn::Eq(cell, hn::Set(d, current)));
-      sums.add(hn::IfThenElseZero(here, one), hn::IfThenElseZero(here, s), hn::IfThenElseZero(here, range));
+      sums.add(hn::CountTrue(d, here), hn::IfThenElseZero(here, s), hn::IfThenElseZero(here, range));
       left = hn::AndNot(here, left);
     }
   }
@@ -307,69 +370,94 @@ std::size_t add_line(const Grid& g, double v, const double* r, const double* z, 
   return good;
 }
 
-std::size_t add_profile(const Grid& g, double v, const double* r, const double* z, std::size_t n) {
+template <int kP>
+std::size_t add_line_of(const Grid& g, double v, const double* r, const double* z, std::size_t n, bool positive) {
+  return positive ? add_line<kP, true>(g, v, r, z, n) : add_line<kP, false>(g, v, r, z, n);
+}
+
+std::size_t add_profile(const Grid& g, double v, const double* r, const double* z, std::size_t n, bool positive) {
   switch (g.layout.degree_u) {
     case 1:
-      return add_line<1>(g, v, r, z, n);
+      return add_line_of<1>(g, v, r, z, n, positive);
     case 2:
-      return add_line<2>(g, v, r, z, n);
+      return add_line_of<2>(g, v, r, z, n, positive);
     case 3:
-      return add_line<3>(g, v, r, z, n);
+      return add_line_of<3>(g, v, r, z, n, positive);
     case 4:
-      return add_line<4>(g, v, r, z, n);
+      return add_line_of<4>(g, v, r, z, n, positive);
     default:
-      return add_line<5>(g, v, r, z, n);
+      return add_line_of<5>(g, v, r, z, n, positive);
   }
 }
 
-template <int kP>
-bool reduce_runs(const RegularColumns& columns, const double* r, double* out) {
+// kVectors of columns at a time stay in registers over all rows.
+template <int kQ, int kVectors>
+HWY_INLINE void sum_columns(const Rows& rows, std::size_t column, double* sums) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
-  auto smallest = hn::Set(d, 1.0);
-  double all_squares = 0;
-  bool positive = true;
-  for (const auto& run : columns.runs) {
-    hn::Vec<D> sums[kP + 2];
-    for (auto& sum : sums) sum = hn::Zero(d);
-    const std::size_t end = run.first + run.count;
-    std::size_t j = run.first;
-    for (; j + lanes <= end; j += lanes) {
-      const auto range = hn::LoadU(d, r + j);
-      smallest = hn::Min(smallest, range);
-      sums[0] = hn::Add(sums[0], range);
-      for (int b = 1; b <= kP; ++b)
-        sums[b] = hn::MulAdd(range, hn::LoadU(d, &columns.powers[static_cast<std::size_t>(b) * columns.columns + j]),
-                             sums[b]);
-      sums[kP + 1] = hn::MulAdd(range, range, sums[kP + 1]);
+  hn::Vec<D> sum[kQ + 2][kVectors];
+  for (auto& line : sum)
+    for (auto& part : line) part = hn::Zero(d);
+  for (std::size_t i = 0; i < rows.rows; ++i) {
+    const double *r = rows.r[i] + column, *t = rows.t_powers + i * (kQ + 1);
+    for (std::size_t k = 0; k < kVectors; ++k) {
+      const auto range = hn::LoadU(d, r + k * lanes);
+      sum[0][k] = hn::Add(sum[0][k], range);
+      for (int a = 1; a <= kQ; ++a) sum[a][k] = hn::MulAdd(range, hn::Set(d, t[a]), sum[a][k]);
+      sum[kQ + 1][k] = hn::MulAdd(range, range, sum[kQ + 1][k]);
     }
-    double* result = out;
-    for (int b = 0; b <= kP + 1; ++b) result[b] = hn::GetLane(hn::SumOfLanes(d, sums[b]));
-    for (; j < end; ++j) {
-      positive = positive && r[j] > 0;
-      for (int b = 0; b <= kP; ++b)
-        result[b] += r[j] * columns.powers[static_cast<std::size_t>(b) * columns.columns + j];
-      result[kP + 1] += r[j] * r[j];
-    }
-    all_squares += result[kP + 1];
-    out += kP + 2;
   }
-  // A NaN or an infinity anywhere shows in the sum of squares.
-  return positive && all_squares <= std::numeric_limits<double>::max() && hn::AllTrue(d, hn::Gt(smallest, hn::Zero(d)));
+  for (std::size_t a = 0; a < kQ + 2; ++a)
+    for (std::size_t k = 0; k < kVectors; ++k) hn::StoreU(sum[a][k], d, sums + a * rows.columns + column + k * lanes);
 }
 
-bool reduce_row(const RegularColumns& columns, int degree_u, const double* r, double* out) {
-  switch (degree_u) {
+template <int kQ>
+void sum_rows_of(const Rows& rows, double* sums) {
+  const std::size_t lanes = hn::Lanes(D());
+  std::size_t column = 0;
+  for (; column + 2 * lanes <= rows.columns; column += 2 * lanes) sum_columns<kQ, 2>(rows, column, sums);
+  for (; column < rows.columns; ++column)
+    for (std::size_t a = 0; a < kQ + 2; ++a) {
+      double sum = 0;
+      for (std::size_t i = 0; i < rows.rows; ++i) {
+        const double r = rows.r[i][column];
+        sum += r * (a <= kQ ? rows.t_powers[i * (kQ + 1) + a] : r);
+      }
+      sums[a * rows.columns + column] = sum;
+    }
+}
+
+void sum_rows(const Rows& rows, double* sums) {
+  switch (rows.degree_v) {
     case 1:
-      return reduce_runs<1>(columns, r, out);
+      return sum_rows_of<1>(rows, sums);
     case 2:
-      return reduce_runs<2>(columns, r, out);
+      return sum_rows_of<2>(rows, sums);
     case 3:
-      return reduce_runs<3>(columns, r, out);
+      return sum_rows_of<3>(rows, sums);
     case 4:
-      return reduce_runs<4>(columns, r, out);
+      return sum_rows_of<4>(rows, sums);
     default:
-      return reduce_runs<5>(columns, r, out);
+      return sum_rows_of<5>(rows, sums);
+  }
+}
+
+void dot_products(const double* x, std::size_t step, int count, const double* y, std::size_t n, double* out) {
+  const D d;
+  const std::size_t lanes = hn::Lanes(d);
+  hn::Vec<D> sum[8];
+  for (auto& part : sum) part = hn::Zero(d);
+  std::size_t k = 0;
+  for (; k + lanes <= n; k += lanes) {
+    const auto right = hn::LoadU(d, y + k);
+    for (int a = 0; a < count; ++a)
+      sum[a] = hn::MulAdd(hn::LoadU(d, x + static_cast<std::size_t>(a) * step + k), right, sum[a]);
+  }
+  double totals[8];
+  sums_of_lanes(sum, 8, totals);
+  for (int a = 0; a < count; ++a) {
+    for (std::size_t i = k; i < n; ++i) totals[a] += x[static_cast<std::size_t>(a) * step + i] * y[i];
+    out[a] = totals[a];
   }
 }
 
@@ -388,18 +476,26 @@ namespace celadon::moment_kernels {
 
 HWY_EXPORT(add_block);
 HWY_EXPORT(add_profile);
-HWY_EXPORT(reduce_row);
+HWY_EXPORT(all_positive);
+HWY_EXPORT(sum_rows);
+HWY_EXPORT(dot_products);
 HWY_EXPORT(target_name);
 
 std::size_t add_block(const Grid& grid, const double* r, const double* z, const double* v, const double* weight,
                       std::size_t n) {
   return HWY_DYNAMIC_DISPATCH(add_block)(grid, r, z, v, weight, n);
 }
-std::size_t add_profile(const Grid& grid, double v, const double* r, const double* z, std::size_t n) {
-  return HWY_DYNAMIC_DISPATCH(add_profile)(grid, v, r, z, n);
+std::size_t add_profile(const Grid& grid, double v, const double* r, const double* z, std::size_t n, bool positive) {
+  return HWY_DYNAMIC_DISPATCH(add_profile)(grid, v, r, z, n, positive);
 }
-bool reduce_row(const RegularColumns& columns, int degree_u, const double* r, double* out) {
-  return HWY_DYNAMIC_DISPATCH(reduce_row)(columns, degree_u, r, out);
+bool all_positive(const double* values, std::size_t n) {
+  return HWY_DYNAMIC_DISPATCH(all_positive)(values, n);
+}
+void sum_rows(const Rows& rows, double* sums) {
+  HWY_DYNAMIC_DISPATCH(sum_rows)(rows, sums);
+}
+void dot_products(const double* x, std::size_t step, int count, const double* y, std::size_t n, double* out) {
+  HWY_DYNAMIC_DISPATCH(dot_products)(x, step, count, y, n, out);
 }
 const char* target_name() {
   return HWY_DYNAMIC_DISPATCH(target_name)();

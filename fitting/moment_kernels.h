@@ -24,22 +24,22 @@ struct Grid {
 /// At most kBlock samples with their v; weight may be null. Good ones are added; returns their number.
 std::size_t add_block(const Grid& grid, const double* r, const double* z, const double* v, const double* weight,
                       std::size_t n);
-/// Samples of one profile that share v; returns the number added.
-std::size_t add_profile(const Grid& grid, double v, const double* r, const double* z, std::size_t n);
+/// All values are finite and positive.
+bool all_positive(const double* values, std::size_t n);
+/// Samples of one profile that share v; returns the number added. `positive`: all_positive(r, n).
+std::size_t add_profile(const Grid& grid, double v, const double* r, const double* z, std::size_t n, bool positive);
 
-/// Columns of a regular grid, prepared once: runs of columns that share a cell, and the powers of s at each column.
-struct RegularColumns {
-  struct Run {
-    std::size_t first, count;
-    int z_cell;
-  };
-  std::vector<Run> runs;
-  std::vector<double> powers;  ///< powers[b * columns + j] = s_j^b, b = 0..p
-  std::size_t columns;
+/// Rows of a regular grid that share a v cell, each of `columns` ranges, with the powers t^a of each, a = 0..q.
+struct Rows {
+  const double* const* r;
+  const double* t_powers;  ///< t_powers[row * (degree_v + 1) + a]
+  std::size_t rows, columns;
+  int degree_v;
 };
-/// Sums of one row per run: out[run * (p + 2) + b] = sum r s^b, then sum r^2. False (nothing to use) unless all its
-/// values in the runs are finite and positive.
-bool reduce_row(const RegularColumns& columns, int degree_u, const double* r, double* out);
+/// sums[a * columns + j] = sum over the rows of r_j t^a, and of r_j^2 at a = q + 1.
+void sum_rows(const Rows& rows, double* sums);
+/// out[a] = sum over k < n of x[k] y[k] of `count` pairs of arrays: x + a * step against one y.
+void dot_products(const double* x, std::size_t step, int count, const double* y, std::size_t n, double* out);
 
 /// Name of the target in use, and of each one this machine can run.
 const char* target_name();
