@@ -13,6 +13,8 @@ namespace {
 constexpr double kResolution = 2e-8;
 // With fewer samples an unknown, Cp itself is too uncertain to choose by; and a noise estimate too low.
 constexpr double kSamplesPerUnknown = 3, kSamplesPerNoiseUnknown = 10;
+// The same of profiles, which share an angle and errors, and unknowns around.
+constexpr double kProfilesPerUnknown = 1.5, kProfilesPerNoiseUnknown = 3;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr LadderLevels kSteps[] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
 
@@ -57,7 +59,7 @@ double smooth(LadderFit& fit, double penalty, double start) {
 }  // namespace
 
 std::optional<LadderFit> solve_member(const MomentGrid& sums, const FitLadder& ladder, LadderLevels levels,
-                                      Variation variation) {
+                                      Variation variation, double bridging) {
   LadderFit fit;
   fit.equations = std::make_unique<NormalEquations>(sums, ladder.space(levels.u, levels.v, variation));
   fit.levels = levels;
@@ -66,7 +68,7 @@ std::optional<LadderFit> solve_member(const MomentGrid& sums, const FitLadder& l
   if (equations.empty_cells() == 0) free = NormalSolver(equations).solve();
   if (!free) {
     // The energy shall decide only what the samples leave open: two steps back towards plain least squares.
-    NormalSolver bridged(equations, kVanishingWeight, {.direct = true});
+    NormalSolver bridged(equations, bridging, {.direct = true});
     free = bridged.solve();
     for (int k = 0; free && k < 2; ++k)
       if (const auto step = bridged.apply_inverse(equations.gradient(*free))) *free += *step;
@@ -98,11 +100,13 @@ bool LadderSearch::exists(LadderLevels at, Variation variation) const {
 // Down from the coarsest member in both directions together until the cost has risen twice in a row, then in each
 // direction alone from the best. Stops at the first member that is good enough, and coarsens that as far as it stays
 // so.
-std::optional<LadderLevels> LadderSearch::descend(Variation variation, double samples_per_unknown, const Cost& cost,
+bool LadderSearch::affordable(LadderLevels at, Variation variation, Share share) const {
+  return share.samples * ladder_.unknowns(at.u, at.v, variation) <= static_cast<double>(sums_.samples()) &&
+         (!variation.around_v || share.profiles * ladder_.unknowns(at.u, at.v, {false, true}) <= profiles_);
+}
+
+std::optional<LadderLevels> LadderSearch::descend(Variation variation, Share share, const Cost& cost,
                                                   const std::function<bool(LadderLevels)>& good_enough) {
-  const auto affordable = [&](LadderLevels at) {
-    return samples_per_unknown * ladder_.unknowns(at.u, at.v, variation) <= static_cast<double>(sums_.samples());
-  };
   LadderLevels at = coarsest(), best = at;
   double least = kInfinity;
   bool held = false;
@@ -120,7 +124,7 @@ std::optional<LadderLevels> LadderSearch::descend(Variation variation, double sa
     LadderLevels next{at.u - 1, at.v - 1};
     if (!exists({next.u, at.v}, variation)) next.u = at.u;
     if (!exists({at.u, next.v}, variation)) next.v = at.v;
-    if (next == at || !affordable(next)) break;
+    if (next == at || !affordable(next, variation, share)) break;
     at = next;
   }
   for (bool moved = true; moved;) {
@@ -128,7 +132,7 @@ std::optional<LadderLevels> LadderSearch::descend(Variation variation, double sa
     for (const LadderLevels& step : kSteps) {
       const LadderLevels next{best.u + step.u, best.v + step.v};
       const bool finer = step.u + step.v < 0;
-      if (!exists(next, variation) || (finer && (held || !affordable(next)))) continue;
+      if (!exists(next, variation) || (finer && (held || !affordable(next, variation, share)))) continue;
       if (held ? !good_enough(next) : !(cost(next) < least)) continue;
       if (!held) least = cost(next);
       best = next;
@@ -157,7 +161,7 @@ LadderSearch::Candidate LadderSearch::best_for_white_noise() {
         const double left = n - m.parameters;
         return m.determined && left > 0 ? std::max(m.residual_square, least) / (left * left) : kInfinity;
       };
-      const auto levels = descend(variation, kSamplesPerNoiseUnknown, score, {});
+      const auto levels = descend(variation, {kSamplesPerNoiseUnknown, kProfilesPerNoiseUnknown}, score, {});
       if (!levels || !(score(*levels) < best_score)) continue;
       best = {*levels, variation};
       best_score = score(*levels);
@@ -167,10 +171,15 @@ LadderSearch::Candidate LadderSearch::best_for_white_noise() {
 
 std::optional<LadderSearch::Choice> LadderSearch::select(const Options& options) {
   const Variation variation = options.variation;
-  const double penalty = 2 * options.kappa * options.noise_variance, least = floor();
+  const double least = floor();
+  const auto penalty = [&](LadderLevels at) {
+    return 2 * options.noise_variance *
+           options.inflation.mean(ladder_.unknowns(at.u, at.v, variation),
+                                  ladder_.unknowns(at.u, at.v, {false, variation.around_v}));
+  };
   const Cost cp = [&](LadderLevels at) {
     const Member& m = member(at, variation);
-    return m.determined ? std::max(m.residual_square, least) + penalty * m.parameters : kInfinity;
+    return m.determined ? std::max(m.residual_square, least) + penalty(at) * m.parameters : kInfinity;
   };
   std::map<LadderLevels, double> percentiles;
   const auto percentile = [&](const LadderFit& fit) {
@@ -185,7 +194,8 @@ std::optional<LadderSearch::Choice> LadderSearch::select(const Options& options)
   };
   std::function<bool(LadderLevels)> good_enough;
   if (options.tolerance_mm > 0) good_enough = holds;
-  const auto levels = options.fixed ? options.fixed : descend(variation, kSamplesPerUnknown, cp, good_enough);
+  const auto levels =
+      options.fixed ? options.fixed : descend(variation, {kSamplesPerUnknown, kProfilesPerUnknown}, cp, good_enough);
   if (!levels) return std::nullopt;
   auto fit = solve_member(sums_, ladder_, *levels, variation);
   if (!fit) return std::nullopt;
@@ -214,16 +224,15 @@ std::optional<LadderSearch::Choice> LadderSearch::select(const Options& options)
                               options.tolerance_mm, percentile(choice.fit));
   if (!options.smoothing || !varies || exact || held) return choice;
 
-  const double smoothed = smooth(choice.fit, penalty, 1e-7);
+  const double smoothed = smooth(choice.fit, penalty(*levels), 1e-7);
   // With smoothing, one refinement further than the samples alone carry may pay.
   const LadderLevels finer{variation.along_u ? levels->u - 1 : levels->u,
                            variation.around_v ? levels->v - 1 : levels->v};
-  const bool affordable =
-      kSamplesPerUnknown * ladder_.unknowns(std::max(finer.u, 0), std::max(finer.v, 0), variation) <=
-      static_cast<double>(sums_.samples());
-  if (options.fixed || choice.fit.smoothing == 0 || !exists(finer, variation) || !affordable) return choice;
+  if (options.fixed || choice.fit.smoothing == 0 || !exists(finer, variation) ||
+      !affordable(finer, variation, {kSamplesPerUnknown, kProfilesPerUnknown}))
+    return choice;
   if (auto other = solve_member(sums_, ladder_, finer, variation))
-    if (smooth(*other, penalty, choice.fit.smoothing / 10) < smoothed) choice.fit = std::move(*other);
+    if (smooth(*other, penalty(finer), choice.fit.smoothing / 10) < smoothed) choice.fit = std::move(*other);
   return choice;
 }
 

@@ -11,12 +11,14 @@
 #include <string>
 
 #include "fitting/fit_ladder.h"
+#include "fitting/noise_correlation.h"
 #include "fitting/normal_solver.h"
 
 namespace celadon {
 
-/// The weight that bridges gaps and touches nothing else, relative to the traces.
-inline constexpr double kVanishingWeight = 1e-6;
+/// The weight that bridges gaps and touches nothing else, relative to the traces; and the one that bridges them stiffly,
+/// where functions that hardly any samples support shall not decide.
+inline constexpr double kVanishingWeight = 1e-5, kStiffWeight = 1e-3;
 
 /// Levels of both directions.
 struct LadderLevels {
@@ -33,14 +35,16 @@ struct LadderFit {
   double smoothing = 0;  ///< relative weight of the bending energy
 };
 
-/// One member, with a vanishing energy where samples are missing. nullopt: not determined.
+/// One member, with an energy of this weight where samples are missing. nullopt: not determined.
 std::optional<LadderFit> solve_member(const MomentGrid& sums, const FitLadder& ladder, LadderLevels levels,
-                                      Variation variation);
+                                      Variation variation, double bridging = kVanishingWeight);
 
 /// The ladder of one set of sums; what a member leaves over is computed once.
 class LadderSearch {
  public:
-  LadderSearch(const MomentGrid& sums, const FitLadder& ladder) : sums_(sums), ladder_(ladder) {}
+  /// `profiles`: lines of samples that share an angle and errors; infinite for scattered points.
+  LadderSearch(const MomentGrid& sums, const FitLadder& ladder, double profiles)
+      : sums_(sums), ladder_(ladder), profiles_(profiles) {}
 
   struct Member {
     double residual_square = 0, parameters = 0;
@@ -58,7 +62,8 @@ class LadderSearch {
 
   struct Options {
     Variation variation;
-    double noise_variance = 0, kappa = 1;
+    double noise_variance = 0;
+    Inflation inflation;
     double tolerance_mm = 0;
     bool smoothing = true;
     std::optional<LadderLevels> fixed;
@@ -76,12 +81,17 @@ class LadderSearch {
   using Cost = std::function<double(LadderLevels)>;
   bool exists(LadderLevels levels, Variation variation) const;
   LadderLevels coarsest() const { return {ladder_.levels_u() - 1, ladder_.levels_v() - 1}; }
-  std::optional<LadderLevels> descend(Variation variation, double samples_per_unknown, const Cost& cost,
+  struct Share {
+    double samples, profiles;  ///< an unknown, and an unknown around
+  };
+  bool affordable(LadderLevels levels, Variation variation, Share share) const;
+  std::optional<LadderLevels> descend(Variation variation, Share share, const Cost& cost,
                                       const std::function<bool(LadderLevels)>& good_enough);
   double floor() const;
 
   const MomentGrid& sums_;
   const FitLadder& ladder_;
+  double profiles_;
   std::map<std::array<int, 4>, Member> members_;
 };
 

@@ -19,50 +19,74 @@ struct Evidence {
   bool accepted() const { return mean_square_ok() && largest_ok(); }
 };
 
-// Two parameters an interval, with the values of its active functions there.
+// Two parameters an interval inside the band, with the values of its active functions there.
 struct SamplePoints {
   Eigen::MatrixXd values;    // points x free functions
-  Eigen::VectorXd leverage;  // b' G^-1 b
+  Eigen::VectorXd leverage;  // b' A^-1 b
 };
 
-SamplePoints sample_points(const RangeSpace& space, const Eigen::MatrixXd& gram) {
+// A of a space that varies in one direction only.
+Eigen::MatrixXd marginal(const MomentGrid& sums, const FitLadder& ladder, LadderLevels levels, Variation variation) {
+  const NormalEquations equations(sums, ladder.space(levels.u, levels.v, variation));
+  const int n = equations.matrix().size();
+  Eigen::MatrixXd a(n, n), unit = Eigen::MatrixXd::Zero(equations.matrix().count_u(), equations.matrix().count_v());
+  AlignedVector<double> product(equations.matrix().field_size());
+  for (int k = 0; k < n; ++k) {
+    unit.data()[k] = 1;
+    equations.matrix().multiply(equations.to_field(unit).data(), product.data());
+    unit.data()[k] = 0;
+    const Eigen::MatrixXd column = equations.to_matrix(product);
+    a.col(k) = Eigen::Map<const Eigen::VectorXd>(column.data(), n);
+  }
+  return a;
+}
+
+SamplePoints sample_points(const RangeSpace& space, const Eigen::MatrixXd& a) {
   SamplePoints points;
   points.values = Eigen::MatrixXd::Zero(2 * space.intervals(), space.free_count());
   for (int k = 0; k < space.intervals(); ++k)
     for (int side = 0; side < 2; ++side) {
       const double s = side ? 0.5 : -0.5;
       const auto active = space.active(k);
-      for (std::size_t a = 0; a < active.size(); ++a) {
-        const auto c = space.polynomial(k, static_cast<int>(a));
+      for (std::size_t c = 0; c < active.size(); ++c) {
+        const auto polynomial = space.polynomial(k, static_cast<int>(c));
         double value = 0;
-        for (std::size_t i = c.size(); i-- > 0;) value = value * s + c[i];
-        points.values(2 * k + side, active[a]) += value;
+        for (std::size_t i = polynomial.size(); i-- > 0;) value = value * s + polynomial[i];
+        points.values(2 * k + side, active[c]) += value;
       }
     }
-  const Eigen::MatrixXd solved = gram.llt().solve(points.values.transpose());
-  points.leverage = (points.values.transpose().cwiseProduct(solved)).colwise().sum().transpose();
+  // Functions without samples leave their points undetermined: an infinite leverage, not a failure.
+  const double trace = a.trace();
+  const Eigen::MatrixXd bounded =
+      a + 1e-12 * trace / static_cast<double>(a.rows()) * Eigen::MatrixXd::Identity(a.rows(), a.cols());
+  const Eigen::MatrixXd solved = bounded.ldlt().solve(points.values.transpose());
+  points.leverage = (points.values.transpose().cwiseProduct(solved)).colwise().sum().transpose().cwiseMax(0);
   return points;
 }
 
-// How far a difference of two fits may go by chance, point by point: the same for all models.
+// How far a difference of two fits may go by chance, point by point: the same for all models. The samples of a fit lie
+// in both directions as their marginals say, A = Au x Av / N.
 class Deviations {
  public:
-  explicit Deviations(const ReferenceFit& reference) {
+  Deviations(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference) {
     const auto& equations = reference.equations;
-    const BendingEnergy energy = bending_energy(equations);
-    const Eigen::MatrixXd &gu = energy.along_u[0], &gv = energy.along_v[0];
-    u_ = sample_points(equations.space().u, gu);
-    v_ = sample_points(equations.space().v, gv);
-    // A = S^-1 (Gu x Gv) S^-1 with S from the diagonal, hence sd^2 = sigma^2 kappa b' S (Gu^-1 x Gv^-1) S b.
-    Eigen::MatrixXd scale(gu.rows(), gv.rows());
-    for (Eigen::Index j = 0; j < gv.rows(); ++j)
-      for (Eigen::Index i = 0; i < gu.rows(); ++i) {
+    const Eigen::MatrixXd au = marginal(sums, ladder, reference.levels, {true, false}),
+                          av = marginal(sums, ladder, reference.levels, {false, true});
+    u_ = sample_points(equations.space().u, au);
+    v_ = sample_points(equations.space().v, av);
+    // Where the samples are fewer than the marginals say: S^-1 A S^-1 with S from the diagonal.
+    const double n = equations.weight();
+    Eigen::MatrixXd scale(au.rows(), av.rows());
+    for (Eigen::Index j = 0; j < av.rows(); ++j)
+      for (Eigen::Index i = 0; i < au.rows(); ++i) {
         const double d = equations.matrix().diagonal(static_cast<int>(i), static_cast<int>(j));
-        scale(i, j) = d > 0 ? gu(i, i) * gv(j, j) / d : 1e300;
+        scale(i, j) = d > 0 ? au(i, i) * av(j, j) / n / d : 1e300;
       }
     const Eigen::MatrixXd spread = u_.values * scale * v_.values.transpose();
-    sd_ = (spread.cwiseMax(0).cwiseProduct(u_.leverage * v_.leverage.transpose()) * reference.noise_variance *
-           reference.kappa)
+    const Eigen::MatrixXd alone = n * (u_.leverage * v_.leverage.transpose());
+    const Eigen::MatrixXd common = Eigen::VectorXd::Ones(u_.leverage.size()) * v_.leverage.transpose();
+    sd_ = (spread.cwiseMax(0).cwiseProduct(reference.inflation.within * alone + reference.inflation.common * common) *
+           reference.noise_variance)
               .cwiseSqrt();
   }
   double largest(const Eigen::MatrixXd& difference, double delta) const {
@@ -112,9 +136,10 @@ double normal_quantile(double upper_tail) {
 ModelDecision select_model(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference,
                            double form_tolerance) {
   const NormalEquations& general = reference.equations;
-  const double n = general.weight(), variance = reference.kappa * reference.noise_variance;
+  const double n = general.weight(), within = reference.inflation.within * reference.noise_variance,
+               common = reference.inflation.common * reference.noise_variance;
   const int unknowns = general.supported_unknowns();
-  const Deviations deviations(reference);
+  const Deviations deviations(sums, ladder, reference);
   const Eigen::MatrixXd gradient = general.gradient(reference.free);
 
   std::optional<SurfaceModel> chosen, statistical;
@@ -130,13 +155,17 @@ ModelDecision select_model(const MomentGrid& sums, const FitLadder& ladder, cons
         difference(i, j) -= (*free)(free->rows() > 1 ? i : 0, free->cols() > 1 ? j : 0);
     // RSS_s - RSS_g without cancellation; the second term vanishes at the minimum.
     const double added = general.quadratic(difference) + 2 * difference.cwiseProduct(gradient).sum();
-    const double dp = std::max(1, unknowns - simple.supported_unknowns());
+    // Errors common to a profile lie in the functions that are constant along z.
+    const double dp = std::max(1, unknowns - simple.supported_unknowns()),
+                 dp_around = general.matrix().count_v() - simple.matrix().count_v();
+    const double variance = dp > 0 ? within + common * dp_around / dp : within;
+    const double spread = 2 * (within * within * (dp - dp_around) + (within + common) * (within + common) * dp_around);
     const auto judge = [&](double delta) {
       Evidence e;
       e.mean_square = (added - variance * dp) / n;
-      const double noncentral = variance > 0 ? 4 * n * delta * delta / variance : 0;
-      const double kappa_error = reference.kappa > 1.05 ? 0.01 * dp * dp : 0;
-      e.allowed = delta * delta + 3 * variance / n * std::sqrt(2 * dp + noncentral + kappa_error);
+      const double noncentral = 4 * n * delta * delta * variance;
+      const double kappa_error = reference.inflation.total() > 1.05 ? 0.01 * dp * dp * variance * variance : 0;
+      e.allowed = delta * delta + 3 / n * std::sqrt(spread + noncentral + kappa_error);
       e.largest = deviations.largest(difference, delta);
       e.critical = normal_quantile(5e-4 / unknowns);
       return e;

@@ -18,7 +18,7 @@ struct ReferenceFit {
   const Eigen::MatrixXd& free;
   LadderLevels levels;
   double noise_variance = 0;  ///< sigma^2 of one sample of weight 1
-  double kappa = 1;
+  Inflation inflation;        ///< of the errors' correlation
 };
 
 struct ModelDecision {

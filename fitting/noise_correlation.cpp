@@ -20,18 +20,28 @@ NoiseCorrelation::NoiseCorrelation(const Setting& setting) : setting_(setting) {
   cells_z_ = std::max(1, static_cast<int>(cells / cells_v_));
 }
 
-double NoiseCorrelation::Lags::inflation() const {
+// Of the part of the variance above `plateau`, a covariance that all lags share.
+double NoiseCorrelation::Lags::inflation(double plateau) const {
   if (!(count[0] > 0) || !(sum[0] > 0)) return 1;
   const double variance = sum[0] / count[0];
-  double total = 1;
+  double total = 1 - plateau / variance;
   for (std::size_t k = 1; k < kLags; ++k) {
     if (!(count[k] > 0)) break;
-    const double rho = sum[k] / count[k] / variance;
+    const double rho = (sum[k] / count[k] - plateau) / variance;
     // A correlation that its own scatter explains is none.
     if (rho < std::max(kSmallestCorrelation, 3 / std::sqrt(count[k]))) break;
     total += 2 * rho;
   }
   return total;
+}
+
+// What the errors of a line have in common, however far apart: the covariance of its longest lags. 0: none.
+double NoiseCorrelation::Lags::plateau() const {
+  double far = 0, pairs = 0;
+  for (std::size_t k = kLags / 2; k < kLags; ++k) far += sum[k], pairs += count[k];
+  if (!(count[0] > 0) || !(pairs > 0)) return 0;
+  const double variance = sum[0] / count[0], common = std::min(far / pairs, variance);
+  return common > std::max(kSmallestCorrelation, 3 / std::sqrt(pairs)) * variance ? common : 0;
 }
 
 void NoiseCorrelation::add(const Profile& profile, const double* v, const double* residual) {
@@ -147,15 +157,14 @@ double NoiseCorrelation::scattered_kappa() const {
   return kappa > 1 + 3 * scatter ? kappa : 1;
 }
 
-double NoiseCorrelation::kappa() const {
-  if (scattered_count_ > count_) return scattered_kappa();
-  double along = along_.inflation();
+Inflation NoiseCorrelation::inflation() const {
+  if (scattered_count_ > count_) return {scattered_kappa(), 0};
+  const double along = along_.inflation(along_.plateau()), across = across_.inflation(0);
   const double free = profiles_with_mean_ - setting_.unknowns_around;
-  if (free >= 8 && square_ > 0) {
-    const double between = mean_square_ / free / (square_ / count_);
-    if (between > along * (1 + 3 * std::sqrt(2 / free))) along = between;
-  }
-  return along * across_.inflation();
+  double between = along;
+  if (free >= 8 && square_ > 0) between = mean_square_ / free / (square_ / count_);
+  const bool common = between > along * (1 + 3 * std::sqrt(2 / std::max(free, 1.0)));
+  return {along * across, common ? (between - along) * across : 0};
 }
 
 }  // namespace celadon

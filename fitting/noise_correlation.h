@@ -11,6 +11,15 @@
 
 namespace celadon {
 
+/// By how much correlation inflates the variance of a fit's unknowns: each of them, and in addition those of the
+/// functions that are constant along the profiles, which take up the errors common to a profile.
+struct Inflation {
+  double within = 1, common = 0;
+  double total() const { return within + common; }
+  /// Of the mean unknown of a fit with `around` functions constant along the profiles among its unknowns.
+  double mean(double unknowns, double around) const { return within + common * around / unknowns; }
+};
+
 /// kappa from the residuals of a reference fit, profile after profile. Lines of rows: the product over both directions
 /// of 1 + 2 sum rho_k, k until rho < 0.03, along the line and from profile to profile at the same height; errors common
 /// to a profile count by the variance between profiles. Scattered points: the variance of the means of small cells.
@@ -27,14 +36,16 @@ class NoiseCorrelation {
 
   /// Residuals of a profile's samples (NaN: leave out) and their v; arrays of the profile's length.
   void add(const Profile& profile, const double* v, const double* residual);
-  double kappa() const;
+  Inflation inflation() const;
+  double kappa() const { return inflation().total(); }
 
  private:
   static constexpr int kLags = 40, kSlots = 64;
   // Products of residuals so many steps apart.
   struct Lags {
     std::array<double, kLags> sum{}, count{};
-    double inflation() const;
+    double plateau() const;
+    double inflation(double plateau) const;
   };
   struct Laser {
     std::array<std::array<double, kLags>, kSlots> history;

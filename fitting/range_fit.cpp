@@ -28,15 +28,19 @@ constexpr double kWeightedVariance = (1 - 6 / kC2 + 15 / (kC2 * kC2)) / kWeightM
 constexpr double kCoefficientVariance =
     (1 - 12 / kC2 + 90 / (kC2 * kC2) - 420 / (kC2 * kC2 * kC2) + 945 / (kC2 * kC2 * kC2 * kC2)) / kWeightMean;
 
-constexpr double kSamplesPerReferenceUnknown = 20;
+constexpr double kSamplesPerReferenceUnknown = 20, kProfilesPerReferenceUnknown = 3;
 constexpr double kRelativeFormTolerance = 1e-9;
+constexpr double kAnyProfiles = std::numeric_limits<double>::infinity();
 
 const char* const kUndetermined =
     "the samples do not determine the surface: they are too few or too unevenly spread; take more samples";
 
-// The finest member with twenty samples an unknown; the coarsest if there is none.
-LadderLevels reference_levels(const FitLadder& ladder, double samples) {
+// The finest member with twenty samples an unknown and three profiles an unknown around; the coarsest if there is none.
+LadderLevels reference_levels(const FitLadder& ladder, double samples, double profiles) {
   LadderLevels at;
+  while (at.v + 1 < ladder.levels_v() &&
+         kProfilesPerReferenceUnknown * ladder.unknowns(at.u, at.v, {false, true}) > profiles)
+    ++at.v;
   while (kSamplesPerReferenceUnknown * ladder.unknowns(at.u, at.v) > samples) {
     const bool can_u = at.u + 1 < ladder.levels_u(), can_v = at.v + 1 < ladder.levels_v();
     if (!can_u && !can_v) break;
@@ -79,26 +83,28 @@ struct Domain {
   CoveredBand band;
   FitLadder ladder;
   LadderSearch search;
-  Domain(const MomentGrid& s, const CoveredBand& b, const RangeFitOptions& options)
+  Domain(const MomentGrid& s, const CoveredBand& b, const RangeFitOptions& options, double profiles)
       : sums(&s),
         band(b),
         ladder(s, b.cells, options.degree_u, options.degree_v, options.continuity),
-        search(s, ladder) {}
+        search(s, ladder, profiles) {}
   Domain(const Domain&) = delete;
   Domain& operator=(const Domain&) = delete;
 };
 
 tl::expected<std::unique_ptr<Domain>, FitError> make_domain(const MomentGrid& sums, const SectorExtents* extents,
-                                                            const RangeFitOptions& options, bool whole_turn) {
+                                                            const RangeFitOptions& options, bool whole_turn,
+                                                            double profiles) {
   const FitLadder all(sums, {0, sums.z_cells()}, options.degree_u, options.degree_v, options.continuity);
   if (auto error = refuse_too_few(sums, all, options)) return tl::unexpected(*error);
   const CoveredBand band = find_covered_band(sums, extents);
   if (auto error = refuse(band, whole_turn)) return tl::unexpected(*error);
-  return std::make_unique<Domain>(sums, band, options);
+  return std::make_unique<Domain>(sums, band, options, profiles);
 }
 
 struct Noise {
-  double variance = 0, kappa = 1;
+  double variance = 0;
+  Inflation inflation;
 };
 
 // Which model, by the samples or as given.
@@ -106,9 +112,9 @@ tl::expected<ModelDecision, FitError> decide_model(Domain& domain, const Noise& 
                                                    LadderLevels levels) {
   const auto reference = solve_member(*domain.sums, domain.ladder, levels, {});
   if (!reference) return tl::unexpected(FitError{kUndetermined});
-  ModelDecision decision = select_model(*domain.sums, domain.ladder,
-                                        {*reference->equations, reference->free, levels, noise.variance, noise.kappa},
-                                        form_tolerance(options, reference->free, domain.band));
+  ModelDecision decision = select_model(
+      *domain.sums, domain.ladder, {*reference->equations, reference->free, levels, noise.variance, noise.inflation},
+      form_tolerance(options, reference->free, domain.band));
   if (options.model != SurfaceModel::automatic) {
     decision.decided_by =
         text("%s: as given; left to the samples it would be %s", to_string(options.model), to_string(decision.model));
@@ -122,6 +128,7 @@ struct FirstLook {
   RobustReference robust;
   SectorExtents extents;
   std::size_t points = 0;
+  double profiles = 0;  ///< lines of rows; infinite where points are scattered
   bool covariances = false, fitted = false;
 };
 FirstLook look(const MomentGrid& sums, ProfileStream& profiles, const RangeFitOptions& options) {
@@ -129,6 +136,7 @@ FirstLook look(const MomentGrid& sums, ProfileStream& profiles, const RangeFitOp
   const auto& grid = sums.specification();
   for (ResidualPass pass(profiles, sums.arcs()); const Profile* p = pass.next();) {
     first.points += p->size();
+    first.profiles += p->order == ProfileOrder::rows ? 1 : std::numeric_limits<double>::infinity();
     first.covariances = first.covariances || !p->covariance.empty();
     first.robust.add(*p, pass.v().data());
     for (std::size_t k = 0; k < p->size(); ++k)
@@ -141,7 +149,7 @@ FirstLook look(const MomentGrid& sums, ProfileStream& profiles, const RangeFitOp
 // Second pass: residuals of a function, their correlation, and where asked for new sums with weights.
 struct Weighing {
   double residual_square = 0, samples = 0;
-  double kappa = 1;
+  Inflation inflation;
   std::optional<MomentGrid> sums;
   std::optional<SectorExtents> extents;
 };
@@ -182,7 +190,7 @@ Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const FirstLook&
     correlation.add(*p, pass.v().data(), residual.data());
     if (reweight) result.sums->add(p->r_mm, p->theta_rad, p->z_mm, weight);
   }
-  result.kappa = correlation.kappa();
+  result.inflation = correlation.inflation();
   // Weights count samples: their mean is 1.
   if (reweight && result.sums->samples() > 0)
     result.sums->scale(static_cast<double>(result.sums->samples()) / result.sums->sum_weight());
@@ -230,10 +238,10 @@ void measure(RangeFit& fit, const MomentGrid& sums, ProfileStream& profiles, con
 
 tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFitOptions& options) {
   if (auto error = refuse(sums, options)) return tl::unexpected(*error);
-  auto domain = make_domain(sums, nullptr, options, false);
+  auto domain = make_domain(sums, nullptr, options, false, kAnyProfiles);
   if (!domain) return tl::unexpected(domain.error());
   const FitLadder& ladder = (*domain)->ladder;
-  LadderLevels levels = reference_levels(ladder, static_cast<double>(sums.samples()));
+  LadderLevels levels = reference_levels(ladder, static_cast<double>(sums.samples()), kAnyProfiles);
   if (options.z_intervals) {
     const auto fixed = fixed_levels(sums, ladder, options);
     if (!fixed) return tl::unexpected(fixed.error());
@@ -242,11 +250,11 @@ tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFit
   auto member = solve_member(sums, ladder, levels, {});
   if (!member) return tl::unexpected(FitError{kUndetermined});
   const double n = member->equations->weight();
-  const Noise noise{member->residual_square / std::max(n - member->parameters, 0.05 * n), 1};
+  const Noise noise{member->residual_square / std::max(n - member->parameters, 0.05 * n), {}};
 
   RangeFit fit;
   ModelDecision decision =
-      select_model(sums, ladder, {*member->equations, member->free, levels, noise.variance, noise.kappa},
+      select_model(sums, ladder, {*member->equations, member->free, levels, noise.variance, noise.inflation},
                    form_tolerance(options, member->free, (*domain)->band));
   fit.report.model = options.model == SurfaceModel::automatic ? decision.model : options.model;
   fit.report.decided_by = "preview: " + decision.decided_by;
@@ -282,7 +290,7 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
   report.points = first.points;
   const bool reject = options.robust && first.fitted && first.robust.found_strangers();
   const bool reweight = reject || (first.covariances && first.fitted);
-  auto domain = make_domain(sums, &first.extents, options, true);
+  auto domain = make_domain(sums, &first.extents, options, true, first.profiles);
   if (!domain) return tl::unexpected(domain.error());
 
   // The noise is estimated where the fit predicts best, or from the robust reference where there are strangers.
@@ -299,31 +307,33 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
                              .samples = sums.samples(),
                              .unknowns = static_cast<int>(candidate_fit->parameters),
                              .unknowns_around = candidate_fit->equations->space().v.free_count()});
-  double parameters = candidate_fit->parameters;
+  double parameters = candidate_fit->parameters, around = candidate_fit->equations->matrix().count_v();
   if (reweight) {
     if (weighing.sums->samples() == 0)
       return tl::unexpected(
           FitError{"no samples belong to a common surface; check the input, or fit without robust weights"});
-    domain = make_domain(*weighing.sums, &*weighing.extents, options, true);
+    domain = make_domain(*weighing.sums, &*weighing.extents, options, true, first.profiles);
     if (!domain) return tl::unexpected(domain.error());
     candidate = (*domain)->search.best_for_white_noise();
     const auto& member = (*domain)->search.member(candidate.levels, candidate.variation);
     weighing.residual_square = member.residual_square;
     weighing.samples = static_cast<double>(weighing.sums->samples());
     parameters = member.parameters;
+    around = (*domain)->ladder.unknowns(candidate.levels.u, candidate.levels.v, {false, candidate.variation.around_v});
   }
   const double n = weighing.samples;
-  Noise noise{weighing.residual_square / std::max(n - weighing.kappa * parameters, 0.5 * n), weighing.kappa};
-  report.kappa = noise.kappa;
+  const double lost = weighing.inflation.mean(parameters, around) * parameters;
+  Noise noise{weighing.residual_square / std::max(n - lost, 0.5 * n), weighing.inflation};
+  report.kappa = noise.inflation.total();
   report.noise_mm = std::sqrt(noise.variance / (reject ? kWeightedVariance : 1));
   if (reject) noise.variance *= kCoefficientVariance / kWeightedVariance;
 
   enter("choosing the model and the knots");
-  const auto decision = decide_model(**domain, noise, options, reference_levels((*domain)->ladder, n));
+  const auto decision = decide_model(**domain, noise, options, reference_levels((*domain)->ladder, n, first.profiles));
   if (!decision) return tl::unexpected(decision.error());
   LadderSearch::Options knots{.variation = variation_of(decision->model),
                               .noise_variance = noise.variance,
-                              .kappa = noise.kappa,
+                              .inflation = noise.inflation,
                               .tolerance_mm = options.tolerance_mm,
                               .smoothing = options.smoothing,
                               .fixed = std::nullopt,

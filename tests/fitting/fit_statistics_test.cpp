@@ -20,8 +20,8 @@ using test::kPi;
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-// kappa of the scan's errors themselves.
-double kappa_of(test::MemoryStream stream) {
+// Of the scan's errors themselves.
+Inflation inflation_of(test::MemoryStream stream) {
   NoiseCorrelation correlation(
       {.z_start_mm = 0, .z_end_mm = 120, .arcs = 4, .samples = stream.points(), .unknowns = 16, .unknowns_around = 4});
   const BaseArcs arcs = BaseArcs::full_circle();
@@ -32,7 +32,10 @@ double kappa_of(test::MemoryStream stream) {
     if (p.index % 7 == 3) e[p.size() / 2] = kNan;
     correlation.add(p, v.data(), e.data());
   }
-  return correlation.kappa();
+  return correlation.inflation();
+}
+double kappa_of(test::MemoryStream stream) {
+  return inflation_of(std::move(stream)).total();
 }
 
 double cylinder(double, double) {
@@ -58,6 +61,19 @@ TEST(NoiseCorrelation, ErrorsCommonToAProfileCount) {
               (1 + n * ratio) / (1 + ratio), 12);
   // Too small to show in the correlation of neighbours, not between profiles.
   EXPECT_GT(kappa_of(test::scan(cylinder, {.profiles = 600, .rows = 300, .sigma = 0.02, .profile_sigma = 0.003})), 4);
+}
+
+// Within a profile the correlation of its own errors remains, of the part of the variance that is not common.
+TEST(NoiseCorrelation, CommonAndCorrelatedErrorsAreToldApart) {
+  const Inflation both = inflation_of(
+      test::scan(cylinder, {.profiles = 600, .rows = 300, .sigma = 0.02, .correlation = 0.5, .profile_sigma = 0.02}));
+  EXPECT_NEAR(both.within, 2.94 / 2, 0.2);
+  EXPECT_NEAR(both.common, 300 * 0.5, 20);
+  const Inflation white =
+      inflation_of(test::scan(cylinder, {.profiles = 600, .rows = 300, .sigma = 0.02, .profile_sigma = 0.02}));
+  EXPECT_NEAR(white.within, 0.5, 0.05);
+  EXPECT_EQ(
+      inflation_of(test::scan(cylinder, {.profiles = 600, .rows = 300, .sigma = 0.02, .correlation = 0.5})).common, 0);
 }
 
 TEST(NoiseCorrelation, CorrelationFromProfileToProfileCounts) {
