@@ -2,6 +2,8 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <numbers>
 #include <vector>
 
@@ -17,25 +19,34 @@ constexpr double kStrayReach = 0.05;    // and how far, as a share of the rest, 
 constexpr double kSamplesPerCell = 5;
 constexpr int kLargestAround = 32, kLargestAlong = 256, kLargestCells = 16384;
 
-// An even sample of a stream: every 2^k-th value.
+// An even sample of a stream: values whose number has a hash below a bound that halves when there are too many. (Every
+// 2^k-th value would be the same rows of every profile.)
 class Heights {
  public:
   void add(double z) {
-    if (seen_++ % stride_ != 0) return;
-    values_.push_back(z);
-    if (values_.size() < kHeights) return;
-    for (std::size_t k = 0; 2 * k < values_.size(); ++k) values_[k] = values_[2 * k];
-    values_.resize((values_.size() + 1) / 2);
-    stride_ *= 2;
+    std::uint64_t hash = ++seen_ * 0x9e3779b97f4a7c15u;
+    hash ^= hash >> 29;
+    hash *= 0xbf58476d1ce4e5b9u;
+    hash ^= hash >> 32;
+    if (hash > bound_) return;
+    values_.push_back({z, hash});
+    while (values_.size() > kHeights) {
+      bound_ /= 2;
+      std::erase_if(values_, [&](const Height& h) { return h.hash > bound_; });
+    }
   }
   double quantile(double share) {
-    std::sort(values_.begin(), values_.end());
-    return values_[static_cast<std::size_t>(share * static_cast<double>(values_.size() - 1))];
+    std::sort(values_.begin(), values_.end(), [](const Height& a, const Height& b) { return a.z < b.z; });
+    return values_[static_cast<std::size_t>(share * static_cast<double>(values_.size() - 1))].z;
   }
 
  private:
-  std::vector<double> values_;
-  std::size_t seen_ = 0, stride_ = 1;
+  struct Height {
+    double z;
+    std::uint64_t hash;
+  };
+  std::vector<Height> values_;
+  std::uint64_t seen_ = 0, bound_ = std::numeric_limits<std::uint64_t>::max();
 };
 
 }  // namespace

@@ -423,6 +423,17 @@ TEST(RangeFit, RefusalsSayWhatIsWrong) {
   EXPECT_THAT(fit_range(outside, whole).error().message, HasSubstr("outside the band"));
 }
 
+// A number of rows that a power of two divides: the first and the last row are in the grid like any other.
+TEST(RangeFit, GridReachesTheOutermostRowsOfEveryProfile) {
+  for (const int rows : {120, 128, 960}) {
+    MemoryStream stream = scan(cylinder, {.profiles = 400, .rows = rows, .sigma = 0.01});
+    const auto grid = choose_grid(stream, {});
+    ASSERT_TRUE(grid);
+    EXPECT_EQ(grid->z_start_mm, 0) << rows;
+    EXPECT_EQ(grid->z_end_mm, 120) << rows;
+  }
+}
+
 TEST(RangeFit, StrayHeightsDoNotWidenTheGrid) {
   MemoryStream stream = scan(cylinder, {.profiles = 100, .rows = 100, .sigma = 0.01});
   stream.profiles[5].z_mm[7] = 1e6;
