@@ -16,6 +16,10 @@ namespace {
 constexpr double kRangeGap = 1.5, kResidualGap = 0.5;
 // and never less than this many times the spread of the samples.
 constexpr double kGapScales = 12;
+// What rises from the bridged body beside a handle by this share of the handle, this many cell diagonals and this many
+// times the scale is of the handle; cells so far along the axis and one around are looked at, and so many times.
+constexpr double kHandleShare = 0.1, kHandleRise = 0.15, kHandleScales = 6;
+constexpr int kHandleReach = 2, kHandleRounds = 6;
 // Residuals below this share of the size are no scanner's noise.
 constexpr double kSmallestScale = 1e-6;
 constexpr double kMad = 1.4826;
@@ -114,7 +118,7 @@ bool RobustReference::solve(Weights weights) {
     for (int i = 0; i < grid.z_cells(); ++i)
       if (grid.cell_weight(i, j) > 0) band.first = std::min(band.first, i), band.last = std::max(band.last, i + 1);
   const FitLadder ladder(grid, band, specification_.degree_u, specification_.degree_v, continuity_);
-  const auto fit = solve_member(grid, ladder, {}, {});
+  const auto fit = solve_member(grid, ladder, {}, {}, kStiffWeight);
   if (!fit) return false;
   function_ = range_function(*fit->equations, fit->free);
   return true;
@@ -147,15 +151,9 @@ void RobustReference::update_limits() {
   for (Spread& s : spreads_) s.width = std::max(s.width, scale_);
   // What the reference cannot follow is not in one cell alone: the second largest of the neighbourhood bounds it.
   std::vector<double> local(cells_.size());
-  const auto neighbourhood = [&](std::size_t k, const auto& visit) {
-    const int i = static_cast<int>(k) % cells_.along(), j = static_cast<int>(k) / cells_.along();
-    for (int dj = -1; dj <= 1; ++dj)
-      for (int di = -1; di <= 1; ++di)
-        if (i + di >= 0 && i + di < cells_.along()) visit(cells_.index(i + di, cells_.column(j + dj)));
-  };
   for (std::size_t k = 0; k < cells_.size(); ++k) {
     double largest = 0, second = 0;
-    neighbourhood(k, [&](std::size_t other) {
+    cells_.visit_neighbourhood(k, [&](std::size_t other) {
       const double size = spreads_[other].width + std::abs(spreads_[other].middle);
       second = std::max(second, std::min(size, largest));
       largest = std::max(largest, size);
@@ -163,8 +161,13 @@ void RobustReference::update_limits() {
     local[k] = std::min(spreads_[k].width + std::abs(spreads_[k].middle), second);
   }
   for (std::size_t k = 0; k < cells_.size(); ++k) {
+    if (rise_beside(k, 1) > 0) {  // there the reference is a bridge, and what it does not follow may be the handle
+      spreads_[k].limit = spreads_[k].width;
+      continue;
+    }
     spreads_[k].limit = local[k];
-    neighbourhood(k, [&](std::size_t other) { spreads_[k].limit = std::max(spreads_[k].limit, local[other] / 2); });
+    cells_.visit_neighbourhood(
+        k, [&](std::size_t other) { spreads_[k].limit = std::max(spreads_[k].limit, local[other] / 2); });
   }
 }
 
@@ -173,6 +176,74 @@ bool RobustReference::fit_clusters() {
                                 Weights::about_function, Weights::about_function}) {
     if (!solve(weights)) return false;
     update_limits();
+  }
+  return true;
+}
+
+// How far the handles stand out that lie in the same or a next column, at most so many rows away; 0: none do.
+double RobustReference::rise_beside(std::size_t cell, int rows) const {
+  const int i = static_cast<int>(cell) % cells_.along(), j = static_cast<int>(cell) / cells_.along();
+  double rise = 0;
+  for (int dj = -1; dj <= 1; ++dj)
+    for (int di = -rows; di <= rows; ++di)
+      if (i + di >= 0 && i + di < cells_.along())
+        for (const Cluster& cluster : cells_[cells_.index(i + di, cells_.column(j + dj))].clusters)
+          rise = std::max(rise, cluster.handle_mm);
+  return rise;
+}
+
+// Where a handle runs into the body nothing jumps. What lies around it is left out, the body is bridged there, and what
+// rises from the bridge by a share of the handle's own rise is of the handle; so again around that.
+bool RobustReference::follow_handles() {
+  for (int round = 0; round < kHandleRounds; ++round) {
+    struct Neighbour {
+      std::size_t cell;
+      Cluster* cluster;
+      double rise = 0;
+    };
+    std::vector<Neighbour> handles, ring;
+    for (std::size_t c = 0; c < cells_.size(); ++c)
+      for (Cluster& cluster : cells_[c].clusters) {
+        if (cluster.handle_mm > 0) handles.push_back({c, &cluster});
+        if (cluster.accepted && rise_beside(c, kHandleReach) > 0) ring.push_back({c, &cluster});
+      }
+    if (handles.empty()) return true;
+    for (const Neighbour& n : ring) n.cluster->accepted = false;
+    if (!solve(Weights::about_function)) return false;
+    update_limits();
+    const auto upper_quartile = [&](const Neighbour& n) {
+      std::vector<double> residuals;
+      for (int p = n.cluster->first; p < n.cluster->first + n.cluster->count; ++p)
+        residuals.push_back(cells_[n.cell].points[static_cast<std::size_t>(p)].key);
+      std::sort(residuals.begin(), residuals.end());
+      return residuals[residuals.size() * 3 / 4];
+    };
+    for (Neighbour& n : ring) n.cluster->accepted = true, n.rise = upper_quartile(n);
+    for (const Neighbour& n : handles) n.cluster->handle_mm = std::max(n.cluster->handle_mm, upper_quartile(n));
+    bool grown = false;
+    for (bool more = true; more;) {  // every part of a handle knows how far the whole stands out
+      more = false;
+      for (const Neighbour& n : handles) {
+        const double rise = rise_beside(n.cell, kHandleReach);
+        more = more || rise > n.cluster->handle_mm;
+        n.cluster->handle_mm = rise;
+      }
+      for (const Neighbour& n : ring) {
+        const double rise = rise_beside(n.cell, 1);
+        if (!n.cluster->accepted || !(rise > 0) ||
+            n.rise < std::max({kHandleShare * rise, kHandleScales * scale_,
+                               kHandleRise * cells_.diagonal_mm(n.cluster->median)}))
+          continue;
+        n.cluster->accepted = false;
+        n.cluster->handle_mm = rise;
+        more = grown = true;
+      }
+    }
+    for (int k = 0; k < 2; ++k) {
+      if (!solve(Weights::about_function)) return false;
+      update_limits();
+    }
+    if (!grown) return true;
   }
   return true;
 }
@@ -186,7 +257,7 @@ bool RobustReference::fit() {
   if (!fit_clusters()) return false;
   find_clusters(cells_, kResidualGap, kGapScales * scale_);
   choose_body(cells_);
-  if (!fit_clusters()) return false;
+  if (!fit_clusters() || !follow_handles()) return false;
   for (std::size_t c = 0; c < cells_.size(); ++c)
     for (const CellPoint& p : cells_[c].points) strangers_ = strangers_ || std::abs(p.key) > 6 * spreads_[c].limit;
   return true;

@@ -51,6 +51,8 @@ class RobustReference {
   };
   enum class Weights { about_cluster, about_cell, about_function };
   bool fit_clusters();
+  double rise_beside(std::size_t cell, int rows) const;
+  bool follow_handles();
   bool solve(Weights weights);
   void update_limits();
 

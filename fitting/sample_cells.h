@@ -23,6 +23,7 @@ struct Cluster {
   double v_low = 0, v_high = 0, z_low = 0, z_high = 0;
   bool significant = false;  ///< not a few strays
   bool accepted = false;     ///< of the surface that is fitted
+  double handle_mm = 0;      ///< > 0: of a sheet over the body, or one that protrudes so far
 };
 
 struct SampleCell {
@@ -51,6 +52,14 @@ class SampleCells {
   /// The column j steps around, modulo the turn.
   int column(int j) const { return (j % cells_v_ + cells_v_) % cells_v_; }
   std::size_t index_of(double v, double z_mm) const;
+  /// Calls with the index of each of the up to nine cells around a cell, itself among them.
+  template <class Visit>
+  void visit_neighbourhood(std::size_t k, const Visit& visit) const {
+    const int i = static_cast<int>(k) % cells_z_, j = static_cast<int>(k) / cells_z_;
+    for (int dj = -1; dj <= 1; ++dj)
+      for (int di = -1; di <= 1; ++di)
+        if (i + di >= 0 && i + di < cells_z_) visit(index(i + di, column(j + dj)));
+  }
   SampleCell& operator[](std::size_t k) { return cells_[k]; }
   const SampleCell& operator[](std::size_t k) const { return cells_[k]; }
   auto begin() { return cells_.begin(); }

@@ -52,25 +52,21 @@ double wrapped(double dv, double arcs) {
   return dv > arcs / 2 ? dv - arcs : (dv < -arcs / 2 ? dv + arcs : dv);
 }
 
-// Points of the cells around (i, j) inside the ellipsoid about p, and how many a flat surface would have there.
-bool has_company(const SampleCells& cells, int i, int j, const CellPoint& p) {
+// Points of the neighbourhood inside the ellipsoid about p, against how many a flat surface would have there.
+bool has_company(const SampleCells& cells, std::size_t cell, const CellPoint& p) {
   const double per_z = 1 / cells.height_mm(), per_v = cells.around() / cells.arcs(),
                per_r = 2 / cells.diagonal_mm(p.r_mm);
   double inside = 0, points = 0, filled = 0;
-  for (int dj = -1; dj <= 1; ++dj)
-    for (int di = -1; di <= 1; ++di) {
-      if (i + di < 0 || i + di >= cells.along()) continue;
-      const SampleCell& other = cells[cells.index(i + di, cells.column(j + dj))];
-      if (other.points.empty()) continue;
-      points += static_cast<double>(other.points.size());
-      ++filled;
-      for (const CellPoint& q : other.points) {
-        const double r = (q.r_mm - p.r_mm) * per_r;
-        if (std::abs(r) > 1) continue;
-        const double z = (q.z_mm - p.z_mm) * per_z, v = wrapped(q.v - p.v, cells.arcs()) * per_v;
-        inside += r * r + z * z + v * v <= 1;
-      }
+  cells.visit_neighbourhood(cell, [&](std::size_t other) {
+    points += static_cast<double>(cells[other].points.size());
+    filled += !cells[other].points.empty();
+    for (const CellPoint& q : cells[other].points) {
+      const double r = (q.r_mm - p.r_mm) * per_r;
+      if (std::abs(r) > 1) continue;
+      const double z = (q.z_mm - p.z_mm) * per_z, v = wrapped(q.v - p.v, cells.arcs()) * per_v;
+      inside += r * r + z * z + v * v <= 1;
     }
+  });
   return inside - 1 >= kSpaceSupport * points / filled;
 }
 
@@ -208,6 +204,7 @@ void accept_sheets(Clusters& clusters) {
         (sheet.cells >= kSheetCells && sheet.contradicted < (large ? kLargeContradicted : kContradicted) * sheet.cells);
     for (const std::size_t n : members[root]) {
       clusters[n].accepted = body;
+      clusters[n].handle_mm = !body && sheet.cells >= kSheetCells ? cells.diagonal_mm(clusters[n].median) : 0;
       // Too small for a part of the object: strays that happen to lie together.
       if (!body && sheet.cells < kSheetCells) clusters[n].significant = false;
     }
@@ -304,7 +301,10 @@ void refuse_handles(Clusters& clusters) {
   }
   for (std::size_t n = 0; n < clusters.size(); ++n) {
     const std::size_t g = groups.find(n);
-    if (of[runs.find(n)].protrudes && count[g] >= kSheetCells && highest[g] > lowest[g]) clusters[n].accepted = false;
+    if (!clusters[n].accepted || !of[runs.find(n)].protrudes || count[g] < kSheetCells || highest[g] == lowest[g])
+      continue;
+    clusters[n].accepted = false;
+    clusters[n].handle_mm = cells.diagonal_mm(clusters[n].median);
   }
 }
 
@@ -361,11 +361,9 @@ void set_strays_apart(SampleCells& cells) {
       stray[c][k] = static_cast<double>(high - low) < needed;
     }
   }
-  for (std::size_t c = 0; c < cells.size(); ++c) {
-    const int i = static_cast<int>(c) % cells.along(), j = static_cast<int>(c) / cells.along();
+  for (std::size_t c = 0; c < cells.size(); ++c)
     for (std::size_t k = 0; k < stray[c].size(); ++k)
-      if (stray[c][k]) stray[c][k] = !has_company(cells, i, j, cells[c].points[k]);
-  }
+      if (stray[c][k]) stray[c][k] = !has_company(cells, c, cells[c].points[k]);
   for (std::size_t c = 0; c < cells.size(); ++c) {
     SampleCell& cell = cells[c];
     std::vector<CellPoint> kept, strays;
