@@ -157,12 +157,15 @@ double NoiseCorrelation::scattered_kappa() const {
   return kappa > 1 + 3 * scatter ? kappa : 1;
 }
 
-Inflation NoiseCorrelation::inflation() const {
+Inflation NoiseCorrelation::inflation(double lack_of_fit) const {
   if (scattered_count_ > count_) return {scattered_kappa(), 0};
-  const double along = along_.inflation(along_.plateau()), across = across_.inflation(0);
+  // Relative to the variance of the errors alone.
+  const double share = std::clamp(lack_of_fit, 0.0, 0.99);
+  const double along = along_.inflation(std::max(along_.plateau(), share * along_.variance())) / (1 - share),
+               across = across_.inflation(share * across_.variance()) / (1 - share);
   const double free = profiles_with_mean_ - setting_.unknowns_around;
   double between = along;
-  if (free >= 8 && square_ > 0) between = mean_square_ / free / (square_ / count_);
+  if (free >= 8 && square_ > 0) between = mean_square_ / free / (square_ / count_ * (1 - share));
   const bool common = between > along * (1 + 3 * std::sqrt(2 / std::max(free, 1.0)));
   return {along * across, common ? (between - along) * across : 0};
 }

@@ -36,7 +36,9 @@ class NoiseCorrelation {
 
   /// Residuals of a profile's samples (NaN: leave out) and their v; arrays of the profile's length.
   void add(const Profile& profile, const double* v, const double* residual);
-  Inflation inflation() const;
+  /// `lack_of_fit`: what share of the residuals' variance the fit they are to could not follow. It is alike at
+  /// neighbours, as correlated errors are, and is none.
+  Inflation inflation(double lack_of_fit = 0) const;
   double kappa() const { return inflation().total(); }
 
  private:
@@ -45,6 +47,7 @@ class NoiseCorrelation {
   struct Lags {
     std::array<double, kLags> sum{}, count{};
     double plateau() const;
+    double variance() const { return count[0] > 0 ? sum[0] / count[0] : 0; }
     double inflation(double plateau) const;
   };
   struct Laser {

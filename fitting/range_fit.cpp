@@ -1,6 +1,7 @@
 #include "fitting/range_fit.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -30,6 +31,9 @@ constexpr double kCoefficientVariance =
 
 constexpr double kSamplesPerReferenceUnknown = 20, kProfilesPerReferenceUnknown = 3;
 constexpr double kRelativeFormTolerance = 1e-9;
+// z intervals of sums for a revolution alone, and rows of a profile for each of its unknowns at least.
+constexpr int kMostAlongRevolution = 2048;
+constexpr double kRowsPerUnknown = 1.5;
 constexpr double kAnyProfiles = std::numeric_limits<double>::infinity();
 
 const char* const kUndetermined =
@@ -146,21 +150,50 @@ FirstLook look(const MomentGrid& sums, ProfileStream& profiles, const RangeFitOp
   return first;
 }
 
+// Sums of one arc's width, as fine along z as the rows of a profile are. nullopt: no finer than those there are.
+std::optional<GridSpecification> revolution_grid(const MomentGrid& sums, const FirstLook& first,
+                                                 const RangeFitOptions& options) {
+  GridSpecification grid = sums.specification();
+  const double rows = std::isfinite(first.profiles) ? static_cast<double>(first.points) / first.profiles
+                                                    : std::sqrt(static_cast<double>(first.points));
+  const auto most = static_cast<unsigned>(std::min<double>(kMostAlongRevolution, rows / kRowsPerUnknown));
+  grid.z_intervals = static_cast<int>(std::bit_floor(most));
+  grid.intervals_per_arc = 1;
+  if (options.z_intervals || grid.z_intervals <= sums.z_cells()) return std::nullopt;
+  return grid;
+}
+
+// The knots of a revolution from its own sums, over the same band.
+std::optional<LadderSearch::Choice> select_along(const MomentGrid& sums, const CoveredBand& band,
+                                                 const RangeFitOptions& options, double profiles,
+                                                 const LadderSearch::Options& knots) {
+  const auto& grid = sums.specification();
+  const double scale = sums.z_cells() / (grid.z_end_mm - grid.z_start_mm);
+  const int first = std::clamp(static_cast<int>((band.z_start_mm - grid.z_start_mm) * scale), 0, sums.z_cells() - 1);
+  const int last =
+      std::clamp(static_cast<int>(std::ceil((band.z_end_mm - grid.z_start_mm) * scale)), first + 1, sums.z_cells());
+  const FitLadder ladder(sums, {first, last}, options.degree_u, options.degree_v, options.continuity);
+  return LadderSearch(sums, ladder, profiles).select(knots);
+}
+
 // Second pass: residuals of a function, their correlation, and where asked for new sums with weights.
 struct Weighing {
+  explicit Weighing(const NoiseCorrelation::Setting& setting) : correlation(setting) {}
   double residual_square = 0, samples = 0;
-  Inflation inflation;
+  NoiseCorrelation correlation;
   std::optional<MomentGrid> sums;
   std::optional<SectorExtents> extents;
+  std::optional<MomentGrid> revolution;
 };
 Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const FirstLook& first, const RangeFunction& function,
-               bool reject, bool reweight, const NoiseCorrelation::Setting& setting) {
-  Weighing result;
-  NoiseCorrelation correlation(setting);
+               bool reject, bool reweight, const std::optional<GridSpecification>& revolution,
+               const NoiseCorrelation::Setting& setting) {
+  Weighing result(setting);
   if (reweight) {
     result.sums.emplace(sums.specification(), first.covariances ? WeightRule::covariance : WeightRule::unit);
     result.extents.emplace(sums);
   }
+  if (revolution) result.revolution.emplace(*revolution);
   const double scale = first.robust.scale_mm(), low = function.base().z_start_mm, high = function.base().z_end_mm;
   const CellPolynomials polynomials(function);
   Residuals to_function;
@@ -187,13 +220,14 @@ Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const FirstLook&
         residual[k] = std::numeric_limits<double>::quiet_NaN();
       }
     }
-    correlation.add(*p, pass.v().data(), residual.data());
+    result.correlation.add(*p, pass.v().data(), residual.data());
     if (reweight) result.sums->add(p->r_mm, p->theta_rad, p->z_mm, weight);
+    if (result.revolution) result.revolution->add(p->r_mm, p->theta_rad, p->z_mm, weight);
   }
-  result.inflation = correlation.inflation();
   // Weights count samples: their mean is 1.
-  if (reweight && result.sums->samples() > 0)
-    result.sums->scale(static_cast<double>(result.sums->samples()) / result.sums->sum_weight());
+  for (auto* weighted : {&result.sums, &result.revolution})
+    if (reweight && *weighted && (*weighted)->samples() > 0)
+      (*weighted)->scale(static_cast<double>((*weighted)->samples()) / (*weighted)->sum_weight());
   return result;
 }
 
@@ -300,14 +334,17 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
   if (!candidate_fit) return tl::unexpected(FitError{kUndetermined});
   const RangeFunction noise_function =
       reweight ? first.robust.function() : range_function(*candidate_fit->equations, candidate_fit->free);
-  Weighing weighing = weigh(sums, profiles, first, noise_function, reject, reweight,
+  // A revolution may want finer intervals along z than sums that are as fine around can have.
+  const bool refine = reweight || candidate.levels.u == 0;
+  const auto fine = refine ? revolution_grid(sums, first, options) : std::nullopt;
+  Weighing weighing = weigh(sums, profiles, first, noise_function, reject, reweight, fine,
                             {.z_start_mm = noise_function.base().z_start_mm,
                              .z_end_mm = noise_function.base().z_end_mm,
                              .arcs = static_cast<double>(sums.arcs().count()),
                              .samples = sums.samples(),
                              .unknowns = static_cast<int>(candidate_fit->parameters),
                              .unknowns_around = candidate_fit->equations->space().v.free_count()});
-  double parameters = candidate_fit->parameters, around = candidate_fit->equations->matrix().count_v();
+  double parameters = candidate_fit->parameters, around = candidate_fit->equations->matrix().count_v(), lack_of_fit = 0;
   if (reweight) {
     if (weighing.sums->samples() == 0)
       return tl::unexpected(
@@ -316,14 +353,18 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
     if (!domain) return tl::unexpected(domain.error());
     candidate = (*domain)->search.best_for_white_noise();
     const auto& member = (*domain)->search.member(candidate.levels, candidate.variation);
+    const double samples = static_cast<double>(weighing.sums->samples());
+    // The residuals were the robust reference's, which is coarser than the best member.
+    lack_of_fit = 1 - member.residual_square / samples * weighing.samples / weighing.residual_square;
     weighing.residual_square = member.residual_square;
-    weighing.samples = static_cast<double>(weighing.sums->samples());
+    weighing.samples = samples;
     parameters = member.parameters;
     around = (*domain)->ladder.unknowns(candidate.levels.u, candidate.levels.v, {false, candidate.variation.around_v});
   }
   const double n = weighing.samples;
-  const double lost = weighing.inflation.mean(parameters, around) * parameters;
-  Noise noise{weighing.residual_square / std::max(n - lost, 0.5 * n), weighing.inflation};
+  const Inflation inflation = weighing.correlation.inflation(lack_of_fit);
+  const double lost = inflation.mean(parameters, around) * parameters;
+  Noise noise{weighing.residual_square / std::max(n - lost, 0.5 * n), inflation};
   report.kappa = noise.inflation.total();
   report.noise_mm = std::sqrt(noise.variance / (reject ? kWeightedVariance : 1));
   if (reject) noise.variance *= kCoefficientVariance / kWeightedVariance;
@@ -344,7 +385,9 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
     knots.fixed = *fixed;
   }
   if (first.fitted) knots.percentile95 = [&](const RangeFunction& f) { return first.robust.percentile95(f); };
-  const auto choice = (*domain)->search.select(knots);
+  auto choice = (*domain)->search.select(knots);
+  if (choice && choice->fit.levels.u == 0 && decision->model == SurfaceModel::revolution && weighing.revolution)
+    choice = select_along(*weighing.revolution, (*domain)->band, options, first.profiles, knots);
   if (!choice) return tl::unexpected(FitError{kUndetermined});
   report.model = decision->model;
   report.decided_by = decision->decided_by;

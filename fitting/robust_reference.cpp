@@ -143,7 +143,8 @@ void RobustReference::update_limits() {
         residuals.push_back(cell.points[static_cast<std::size_t>(k)].key);
     if (residuals.empty()) continue;
     const auto [middle, spread] = densest(residuals);
-    for (const double e : residuals) sizes.push_back(std::abs(e - middle));
+    // Sorted now: about their median, which few samples bias less than where they lie densest.
+    for (const double e : residuals) sizes.push_back(std::abs(e - residuals[residuals.size() / 2]));
     spreads_[c] = {middle, spread, 0};
   }
   scale_ = std::max(scale_of(sizes), kSmallestScale * std::max(specification_.z_end_mm - specification_.z_start_mm,
@@ -171,9 +172,8 @@ void RobustReference::update_limits() {
   }
 }
 
-bool RobustReference::fit_clusters() {
-  for (const Weights weights : {Weights::about_cluster, Weights::about_cell, Weights::about_cell,
-                                Weights::about_function, Weights::about_function}) {
+bool RobustReference::iterate(std::initializer_list<Weights> steps) {
+  for (const Weights weights : steps) {
     if (!solve(weights)) return false;
     update_limits();
   }
@@ -209,8 +209,7 @@ bool RobustReference::follow_handles() {
       }
     if (handles.empty()) return true;
     for (const Neighbour& n : ring) n.cluster->accepted = false;
-    if (!solve(Weights::about_function)) return false;
-    update_limits();
+    if (!iterate({Weights::about_function})) return false;
     const auto upper_quartile = [&](const Neighbour& n) {
       std::vector<double> residuals;
       for (int p = n.cluster->first; p < n.cluster->first + n.cluster->count; ++p)
@@ -239,10 +238,7 @@ bool RobustReference::follow_handles() {
         more = grown = true;
       }
     }
-    for (int k = 0; k < 2; ++k) {
-      if (!solve(Weights::about_function)) return false;
-      update_limits();
-    }
+    if (!iterate({Weights::about_function, Weights::about_function})) return false;
     if (!grown) return true;
   }
   return true;
@@ -254,10 +250,13 @@ bool RobustReference::fit() {
   set_strays_apart(cells_);
   find_clusters(cells_, kRangeGap, 0);
   choose_body(cells_);
-  if (!fit_clusters()) return false;
+  using enum Weights;
+  if (!iterate({about_cluster, about_cell, about_cell, about_function})) return false;
   find_clusters(cells_, kResidualGap, kGapScales * scale_);
   choose_body(cells_);
-  if (!fit_clusters() || !follow_handles()) return false;
+  update_limits();
+  if (!iterate({about_cell, about_cell, about_function, about_function, about_function}) || !follow_handles())
+    return false;
   for (std::size_t c = 0; c < cells_.size(); ++c)
     for (const CellPoint& p : cells_[c].points) strangers_ = strangers_ || std::abs(p.key) > 6 * spreads_[c].limit;
   return true;

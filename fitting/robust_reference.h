@@ -3,6 +3,7 @@
 // that follows from it. Source: README.md, "Weights".
 
 #include <cstdint>
+#include <initializer_list>
 #include <vector>
 
 #include "fitting/moment_grid.h"
@@ -50,7 +51,7 @@ class RobustReference {
     double middle = 0, width = 0, limit = 0;
   };
   enum class Weights { about_cluster, about_cell, about_function };
-  bool fit_clusters();
+  bool iterate(std::initializer_list<Weights> steps);
   double rise_beside(std::size_t cell, int rows) const;
   bool follow_handles();
   bool solve(Weights weights);

@@ -21,6 +21,7 @@ int main(int argc, char** argv) {
                                                               .rows = side,
                                                               .sigma = test::kSelectionSigma,
                                                               .correlation = scenario.correlation,
+                                                              .profile_sigma = scenario.common,
                                                               .seed = static_cast<unsigned>(1000 + k)});
       RangeFitOptions options;
       options.form_tolerance_mm = test::kSelectionDelta;

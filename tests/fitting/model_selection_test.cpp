@@ -12,9 +12,12 @@ class ModelSelection : public testing::TestWithParam<test::SelectionScenario> {}
 
 TEST_P(ModelSelection, ChoosesTheModelOfTheObject) {
   const auto& scenario = GetParam();
-  test::MemoryStream stream = test::scan(
-      scenario.shape,
-      {.profiles = 316, .rows = 316, .sigma = test::kSelectionSigma, .correlation = scenario.correlation, .seed = 5});
+  test::MemoryStream stream = test::scan(scenario.shape, {.profiles = 316,
+                                                          .rows = 316,
+                                                          .sigma = test::kSelectionSigma,
+                                                          .correlation = scenario.correlation,
+                                                          .profile_sigma = scenario.common,
+                                                          .seed = 5});
   RangeFitOptions options;
   options.form_tolerance_mm = test::kSelectionDelta;
   const auto fit = test::fit(stream, options);

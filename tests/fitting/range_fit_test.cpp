@@ -423,6 +423,26 @@ TEST(RangeFit, RefusalsSayWhatIsWrong) {
   EXPECT_THAT(fit_range(outside, whole).error().message, HasSubstr("outside the band"));
 }
 
+// Fifteen grooves: a scanner's sums have four intervals for each. A revolution gets as many as it takes, from the second
+// pass.
+TEST(RangeFit, RevolutionsRefineAlongTheAxisBeyondTheSums) {
+  const auto grooves = [](double, double z) { return 30 + 0.2 * std::sin(2 * kPi * z / 8); };
+  for (const bool outliers : {false, true}) {
+    MemoryStream stream = scan(grooves, {.profiles = 120, .rows = 960, .sigma = 0.02});
+    for (Profile& p : stream.profiles)
+      for (std::size_t k = p.index % 50; outliers && k < p.size(); k += 50) p.r_mm[k] += 12;
+    const MomentGrid sums = test::accumulate(stream, {-5, 125, 64, 8, 3, 3});
+    stream.passes = 0;
+    const auto f = fit_range(sums, stream);
+    ASSERT_TRUE(f) << f.error().message;
+    EXPECT_EQ(f->report.model, SurfaceModel::revolution) << f->report.decided_by;
+    EXPECT_GT(f->report.control_points_u, 100);
+    EXPECT_LT(miss(f->function, grooves).rms, 0.0015) << outliers;
+    EXPECT_THAT(f->report.stopped_by, HasSubstr("Cp"));
+    EXPECT_LE(stream.passes, 3);
+  }
+}
+
 // A number of rows that a power of two divides: the first and the last row are in the grid like any other.
 TEST(RangeFit, GridReachesTheOutermostRowsOfEveryProfile) {
   for (const int rows : {120, 128, 960}) {

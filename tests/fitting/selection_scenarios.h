@@ -15,6 +15,7 @@ struct SelectionScenario {
   Shape shape;
   double correlation;
   SurfaceModel expected;
+  double common = 0;  ///< standard deviation of an error common to a profile, mm
 };
 
 /// delta = 3 micrometres, noise 20 micrometres in all of them.
@@ -43,6 +44,10 @@ inline std::vector<SelectionScenario> selection_scenarios() {
        .5, SurfaceModel::general},
       {"cam of 20 um", [=](double t, double) { return 30 + .02 * root2 * std::cos(3 * t); }, .5,
        SurfaceModel::translational},
+      {"cylinder, 5 um a profile", [](double, double) { return 30.0; }, .5, SurfaceModel::cylinder, .005},
+      {"revolution, 20 um a profile", [=](double, double z) { return wavy(z); }, .5, SurfaceModel::revolution, .02},
+      {"cam of 20 um, 20 um a profile", [=](double t, double) { return 30 + .02 * root2 * std::cos(3 * t); }, .5,
+       SurfaceModel::translational, .02},
   };
 }
 
