@@ -163,7 +163,7 @@ void RobustReference::update_limits() {
   }
   for (std::size_t k = 0; k < cells_.size(); ++k) {
     if (rise_beside(k, 1) > 0) {  // there the reference is a bridge, and what it does not follow may be the handle
-      spreads_[k].limit = spreads_[k].width;
+      spreads_[k].limit = std::min(spreads_[k].width, 2 * scale_);
       continue;
     }
     spreads_[k].limit = local[k];
