@@ -35,12 +35,38 @@ HWY_INLINE void for_each_vector(int count, int lanes, F&& f) {
   if (i < count) f(count - lanes);
 }
 
-/// Rounded means of neighbouring bytes of two vectors, in order.
+/// Bytes of four vectors, of which lane i of 32 bits holds cell i of the first in its lowest byte, cell i of the second
+/// in the next and so on, in the order of the cells.
 template <class D, class V>
-HWY_INLINE V halve(D d, V low, V high) {
+HWY_INLINE V in_order(D d, V v) {
+  const hn::Repartition<std::uint32_t, D> d32;
+  alignas(16) static constexpr std::uint8_t kBytes[16] = {0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15};
+  const auto blocks = hn::BitCast(d32, hn::TableLookupBytes(v, hn::LoadDup128(d, kBytes)));
+  constexpr std::size_t kLanes32 = hn::MaxLanes(d32);
+  if constexpr (kLanes32 <= 4) return hn::BitCast(d, blocks);
+  alignas(64) std::uint32_t order[kLanes32];
+  for (std::size_t i = 0; i < kLanes32; ++i) {
+    order[i] = static_cast<std::uint32_t>(4 * (i % (kLanes32 / 4)) + i / (kLanes32 / 4));
+  }
+  return hn::BitCast(d, hn::TableLookupLanes(blocks, hn::SetTableIndices(d32, order)));
+}
+
+/// Means of 4 neighbouring bytes: mean(mean, mean), each rounded up.
+template <class D, class F>
+HWY_INLINE auto means_of_4(D d, F&& bytes) {
   const hn::RepartitionToWide<D> d16;
-  const auto mean = [&](V v) { return hn::AverageRound(v, hn::BitCast(d, hn::ShiftRight<8>(hn::BitCast(d16, v)))); };
-  return hn::ConcatEven(d, mean(high), mean(low));
+  const hn::RepartitionToWide<decltype(d16)> d32;
+  const auto right8 = [&](auto v) HWY_ATTR { return hn::BitCast(d, hn::ShiftRight<8>(hn::BitCast(d16, v))); };
+  const auto left8 = [&](auto v) HWY_ATTR { return hn::BitCast(d, hn::ShiftLeft<8>(hn::BitCast(d16, v))); };
+  const auto pairs = [&](auto even, auto odd)
+                         HWY_ATTR {  // means of even's pairs in the even bytes, of odd's in the odd
+                           return hn::OddEven(hn::AverageRound(odd, left8(odd)), hn::AverageRound(even, right8(even)));
+                         };
+  const auto low = pairs(bytes(0), bytes(1)), high = pairs(bytes(2), bytes(3));
+  const auto low_means = hn::AverageRound(low, hn::BitCast(d, hn::ShiftRight<16>(hn::BitCast(d32, low))));
+  const auto high_means = hn::AverageRound(high, hn::BitCast(d, hn::ShiftLeft<16>(hn::BitCast(d32, high))));
+  const auto quads = hn::OddEven(hn::BitCast(d16, high_means), hn::BitCast(d16, low_means));
+  return in_order(d, hn::BitCast(d, quads));
 }
 
 /// Red or green of cells from their luma and chroma, 16 bits, not limited to 0..255.
@@ -116,7 +142,7 @@ HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, i
         if constexpr (kSignal == Signal::yuyv_luma) return hn::ConcatEven(d, bytes(2 * i + 1), bytes(2 * i));
         return bytes(i);
       };
-      hn::StoreU(halve(d, halve(d, pixels(0), pixels(1)), halve(d, pixels(2), pixels(3))), d, cells + cell);
+      hn::StoreU(means_of_4(d, pixels), d, cells + cell);
     } else {
       store_colour_cells<kSignal, kSubtract>(d, lit, dark, cells + cell);
     }
@@ -177,39 +203,55 @@ HWY_INLINE int first_cell_of(const std::uint8_t* scores, int cell_count, int sco
   return 0;
 }
 
-/// The line of a row of scores, unless there is none, two, or one that noise could have made.
-/// @pre scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
-HWY_INLINE CoarsePeak coarse_peak(std::uint8_t* scores, const std::uint8_t* highest_lanes, int cell_count,
-                                  const LaserLineOptions& options) {
+/// The lines of a block of scored rows: status found with a center, or why there is none. One question at a time for
+/// all rows, so that they wait for memory and reductions together.
+HWY_INLINE void coarse_peaks(Scratch& s, int row_count, int cell_count, const LaserLineOptions& options,
+                             CoarsePeak* peaks) {
   constexpr int kBlankCells = 6;
   const D8 d;
   const hn::Repartition<std::uint64_t, D8> d64;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  const int highest = largest(hn::Load(d, highest_lanes));
-  if (highest < options.minimum_contrast) return {};
-  const int cell = first_cell_of(scores, cell_count, highest);
-  scores[-1] = 0;  // the last cell's score is always 0: its right neighbours repeat it
-  const Vertex peak = vertex_of(scores[cell - 1], highest, scores[cell + 1]);
-  std::memset(scores + cell - kBlankCells, 0, 2 * kBlankCells + 1);
-  auto second_lanes = hn::Zero(d);
-  auto sum_lanes = hn::Zero(d64);
-  for (int i = 0; i < cell_count; i += lanes) {
-    const auto score = hn::Load(d, scores + i);
-    second_lanes = hn::Max(second_lanes, score);
-    sum_lanes = hn::Add(sum_lanes, hn::SumsOf8(score));
+  int highest[kBlockRows], cell[kBlockRows], second[kBlockRows], sum[kBlockRows];
+  Vertex vertex[kBlockRows];
+  const auto scores_of = [&](int i) { return s.scores[i] + kPaddingCells; };
+  for (int i = 0; i < row_count; ++i) highest[i] = largest(hn::Load(d, s.highest[i]));
+  for (int i = 0; i < row_count; ++i) {
+    std::uint8_t* scores = scores_of(i);
+    cell[i] = highest[i] < options.minimum_contrast ? 0 : first_cell_of(scores, cell_count, highest[i]);
+    scores[-1] = 0;  // the last cell's score is always 0: its right neighbours repeat it
+    vertex[i] = vertex_of(scores[cell[i] - 1], highest[i], scores[cell[i] + 1]);
+    std::memset(scores + cell[i] - kBlankCells, 0, 2 * kBlankCells + 1);
   }
-  const int second = largest(second_lanes);
-  const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * peak.height;
-  // A vertex is at most an eighth of its score higher than the score.
-  if (static_cast<float>(second) * 1.125f > limit) {
-    const int at = first_cell_of(scores, cell_count, second);
-    if (vertex_of(scores[at - 1], second, scores[at + 1]).height > limit) return {RowStatus::ambiguous, 0};
+  for (int i = 0; i < row_count; ++i) {
+    const std::uint8_t* scores = scores_of(i);
+    auto second_lanes = hn::Zero(d);
+    auto sum_lanes = hn::Zero(d64);
+    for (int at = 0; at < cell_count; at += lanes) {
+      const auto score = hn::Load(d, scores + at);
+      second_lanes = hn::Max(second_lanes, score);
+      sum_lanes = hn::Add(sum_lanes, hn::SumsOf8(score));
+    }
+    second[i] = largest(second_lanes);
+    sum[i] = static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, sum_lanes)));
   }
-  const int blanked = HWY_MIN(cell + kBlankCells, cell_count - 1) - HWY_MAX(cell - kBlankCells, 0) + 1;
-  const auto sum = static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, sum_lanes)));
-  if (highest * (cell_count - blanked) < kNoiseFactor * sum) return {};
-  const int offset_px = 2 * (static_cast<int>(2 * peak.offset_cells + 16.5f) - 16);
-  return {RowStatus::found, 4 * cell + 4 + offset_px};
+  for (int i = 0; i < row_count; ++i) {
+    const std::uint8_t* scores = scores_of(i);
+    peaks[i] = {};
+    if (highest[i] < options.minimum_contrast) continue;
+    const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * vertex[i].height;
+    // A vertex is at most an eighth of its score higher than the score.
+    if (static_cast<float>(second[i]) * 1.125f > limit) {
+      const int at = first_cell_of(scores, cell_count, second[i]);
+      if (vertex_of(scores[at - 1], second[i], scores[at + 1]).height > limit) {
+        peaks[i].status = RowStatus::ambiguous;
+        continue;
+      }
+    }
+    const int blanked = HWY_MIN(cell[i] + kBlankCells, cell_count - 1) - HWY_MAX(cell[i] - kBlankCells, 0) + 1;
+    if (highest[i] * (cell_count - blanked) < kNoiseFactor * sum[i]) continue;
+    const int offset_px = 2 * (static_cast<int>(2 * vertex[i].offset_cells + 16.5f) - 16);
+    peaks[i] = {RowStatus::found, 4 * cell[i] + 4 + offset_px};
+  }
 }
 
 }  // namespace HWY_NAMESPACE

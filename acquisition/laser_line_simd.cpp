@@ -73,6 +73,8 @@ void extract_block(const Job& job, int first_row, int row_count) {
     ask_ahead();
     score_cells(s.cells[i] + kPaddingCells, cell_count, s.scores[i] + kPaddingCells, s.highest[i]);
   }
+  CoarsePeak peaks[kBlockRows];
+  coarse_peaks(s, row_count, cell_count, job.options, peaks);
   bool any_whole = false, any_partial = false;
   for (int i = 0; i < kBlockRows; ++i) {
     ask_ahead();
@@ -80,7 +82,7 @@ void extract_block(const Job& job, int first_row, int row_count) {
     if (i >= row_count) continue;
     LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
     row = {};
-    const CoarsePeak peak = coarse_peak(s.scores[i] + kPaddingCells, s.highest[i], cell_count, job.options);
+    const CoarsePeak& peak = peaks[i];
     if (peak.status != RowStatus::found) {
       row.status = peak.status;
       continue;

@@ -68,8 +68,10 @@ inline constexpr int kAmbientPx[8] = {8, 9, 10, 11, 52, 53, 54, 55};
 
 template <Signal kSignal>
 HWY_INLINE int ambient_sum(const std::uint8_t* row, int first, int width) {
+  const bool inside = first >= 0 && first + kWindowPx <= width;
   int sum = 0;
-  for (const int i : kAmbientPx) sum += signal_at<kSignal>(row, std::clamp(first + i, 0, width - 1));
+  for (const int i : kAmbientPx)
+    sum += signal_at<kSignal>(row, inside ? first + i : std::clamp(first + i, 0, width - 1));
   return sum;
 }
 

@@ -30,7 +30,7 @@ inline constexpr float kWidthPerHeight = 1 / 2.3548f;  ///< standard deviation p
 inline constexpr int kBackgroundPx = 6;                ///< pixels of background on each side
 /// Passes of Gauss-Newton; more where a flat top hides the amplitude.
 template <bool kMasked>
-constexpr int kPasses = kMasked ? 8 : 4;
+constexpr int kPasses = kMasked ? 6 : 3;
 
 /// The width is known to about a seventh beforehand: that holds faint and speckled rows together.
 inline constexpr float kWidthInformation = 50;
@@ -253,7 +253,7 @@ struct Normal {
   VF excess, weight;
 };
 
-template <bool kMasked>
+template <bool kMasked, bool kTellSpeckle>
 HWY_INLINE Normal normal_sums(const Scratch& s, int lane, const LineModel& m, const NoiseModel& noise) {
   const DF d;
   const auto zero = hn::Zero(d), reach2 = hn::Set(d, kReachWidths * kReachWidths);
@@ -275,8 +275,10 @@ HWY_INLINE Normal normal_sums(const Scratch& s, int lane, const LineModel& m, co
     n.ra = hn::Add(n.ra, ra);
     n.rx = hn::Add(n.rx, rx);
     n.rs = hn::MulAdd(rx, u, n.rs);
-    n.excess = hn::MulAdd(ra, ra, n.excess);
-    n.weight = hn::MulAdd(aa, aa, n.weight);
+    if constexpr (kTellSpeckle) {
+      n.excess = hn::MulAdd(ra, ra, n.excess);
+      n.weight = hn::MulAdd(aa, aa, n.weight);
+    }
     if constexpr (kMasked) {
       n.xa = hn::MulAdd(aa, u, n.xa);
       n.xs = hn::MulAdd(xx, u, n.xs);
@@ -317,17 +319,21 @@ HWY_INLINE Step solve(const Normal& n) {
   }
 }
 
-/// Variance of the zero crossing by the noise model: (sum h^2 variance) / (sum h dL/dx)^2 with the filter's taps h.
+/// Variance of the zero crossing by the noise model: (sum h^2 V) / (sum h dL/dx)^2 with the filter h = k exp(-k^2 /
+/// 18), its sums as integrals of Gaussians.
 HWY_INLINE VF zero_crossing_variance(const LineModel& m, const NoiseModel& noise) {
   const DF d;
-  auto square = hn::Zero(d), response = hn::Zero(d);
-  const auto inverse_width = hn::Div(hn::Set(d, 1.f), m.width);
-  for_each_pixel(m, 8, [&](int k, VF light, VF u) HWY_ATTR {
-    const auto h = hn::Set(d, static_cast<float>(k < 0 ? -kTaps[-k] : kTaps[k]));
-    square = hn::MulAdd(hn::Mul(h, h), variance(noise, light), square);
-    response = hn::MulAdd(hn::Mul(h, light), hn::Mul(u, inverse_width), response);
-  });
-  return hn::Div(square, hn::Max(hn::Mul(response, response), hn::Set(d, 1e-6f)));
+  const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
+  const auto width2 = hn::Mul(m.width, m.width), sharpness = hn::Div(set(1.f), width2);
+  // integral of k^2 exp(-a k^2), over sqrt(pi) / 2
+  const auto moment = [&](VF a) HWY_ATTR { return hn::Div(set(1.f), hn::Mul(a, hn::Sqrt(a))); };
+  const auto shot = moment(hn::MulAdd(set(0.5f), sharpness, set(1.f / 9)));
+  const auto speckle = moment(hn::Add(sharpness, set(1.f / 9)));
+  const auto response =
+      hn::Mul(hn::Mul(m.amplitude, sharpness), moment(hn::MulAdd(set(0.5f), sharpness, set(1.f / 18))));
+  const auto light = hn::MulAdd(hn::Mul(m.amplitude, speckle), noise.speckle, hn::Mul(shot, noise.shot));
+  const auto square = hn::MulAdd(m.amplitude, light, hn::Mul(set(27.f), noise.ambient));
+  return hn::Div(hn::Mul(square, set(1.1283792f)), hn::Mul(response, response));
 }
 
 /// Level, start and width of each row, from sums of 16-bit pixels.
@@ -402,18 +408,33 @@ HWY_INLINE LineModel model_of(const Scratch& s, int lane) {
   return {hn::Load(d, s.x + lane), hn::Load(d, s.amplitude + lane), hn::Load(d, s.width + lane)};
 }
 
-/// One pass of Gauss-Newton over the block, and what each row says of the speckle.
 template <bool kMasked>
+constexpr WindowKind kKind = kMasked ? WindowKind::partial : WindowKind::whole;
+
+/// Whether a vector of rows from `lane` on holds one of this kind.
+template <bool kMasked>
+HWY_INLINE bool has_rows(const Scratch& s, int lane) {
+  bool has = false;
+  for (std::size_t i = 0; i < hn::Lanes(DF()); ++i) {
+    has = has || s.kind[static_cast<std::size_t>(lane) + i] == kKind<kMasked>;
+  }
+  return has;
+}
+
+/// One pass of Gauss-Newton over the block, and what each row says of the speckle.
+template <bool kMasked, bool kTellSpeckle>
 HWY_INLINE void improve(Scratch& s, const LaserLineOptions& options, float speckle) {
   const DF d;
   const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
+    if (!has_rows<kMasked>(s, lane)) continue;
     LineModel m = model_of(s, lane);
-    Normal n = normal_sums<kMasked>(s, lane, m, noise_of(s, lane, options, speckle));
-    // Position, amplitude and width take up a share of the noise.
-    const auto taken = hn::Div(hn::Mul(set(3.f), n.weight), hn::Max(n.aa, set(1e-6f)));
-    hn::Store(hn::Add(n.excess, taken), d, s.speckle_excess + lane);
-    hn::Store(n.weight, d, s.speckle_weight + lane);
+    Normal n = normal_sums<kMasked, kTellSpeckle>(s, lane, m, noise_of(s, lane, options, speckle));
+    if constexpr (kTellSpeckle) {  // position, amplitude and width take up a share of the noise
+      const auto taken = hn::Div(hn::Mul(set(3.f), n.weight), hn::Max(n.aa, set(1e-6f)));
+      hn::Store(hn::Add(n.excess, taken), d, s.speckle_excess + lane);
+      hn::Store(n.weight, d, s.speckle_weight + lane);
+    }
     n.ss = hn::Add(n.ss, set(kWidthInformation));
     n.rs = hn::MulAdd(set(kWidthInformation), hn::Sub(hn::Div(hn::Load(d, s.width_start + lane), m.width), set(1.f)),
                       n.rs);
@@ -468,12 +489,13 @@ HWY_INLINE void refine_block(Scratch& s, const LaserLineOptions& options) {
   const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   const bool quasi_ml = options.refinement == LineRefinement::quasi_maximum_likelihood;
   float speckle = options.speckle_contrast * options.speckle_contrast * options.speckle_extent_px;
-  constexpr WindowKind kKind = kMasked ? WindowKind::partial : WindowKind::whole;
   prepare<kMasked>(s, quasi_ml);
-  pool_widths(s, kKind);
-  for (int pass = 0; pass < kPasses<kMasked> && quasi_ml; ++pass) {
-    if (pass + 1 == kPasses<kMasked>) speckle = pooled_speckle(s, kKind, options, speckle);
-    improve<kMasked>(s, options, speckle);
+  pool_widths(s, kKind<kMasked>);
+  if (quasi_ml) {
+    for (int pass = 2; pass < kPasses<kMasked>; ++pass) improve<kMasked, false>(s, options, speckle);
+    improve<kMasked, true>(s, options, speckle);
+    speckle = pooled_speckle(s, kKind<kMasked>, options, speckle);
+    improve<kMasked, false>(s, options, speckle);
   }
   for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
     const LineModel m = model_of(s, lane);

@@ -297,7 +297,7 @@ inline void refine(const std::vector<Row*>& rows, const LaserLineOptions& option
   for (Row* row : rows) row->begin(widths / std::max(count, 1.0));
   const double extent = static_cast<double>(options.speckle_extent_px);
   const double expected = squared(static_cast<double>(options.speckle_contrast)) * extent;
-  const int passes = rows.front()->partial ? 8 : 4;
+  const int passes = rows.front()->partial ? 6 : 3;
   double speckle = expected;
   for (int pass = 0; pass < passes; ++pass) {
     if (pass + 1 == passes) {
