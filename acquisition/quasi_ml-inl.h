@@ -245,6 +245,9 @@ HWY_INLINE VF variance(const NoiseModel& noise, VF light) {
   return hn::MulAdd(light, hn::MulAdd(light, noise.speckle, noise.shot), noise.ambient);
 }
 
+/// Passes of Gauss-Newton: weights need not be exact before the last.
+enum class Pass : std::uint8_t { first, tells_speckle, last };
+
 /// Information and gradient in (x / s, ln A, ln s): derivatives of the light L are L u, L and L u^2. With p the
 /// information of a pixel on ln A, and z its residual over its noise: sums of p (z^2 - 1) and of p^2.
 struct Normal {
@@ -253,7 +256,7 @@ struct Normal {
   VF excess, weight;
 };
 
-template <bool kMasked, bool kTellSpeckle>
+template <bool kMasked, Pass kPass>
 HWY_INLINE Normal normal_sums(const Scratch& s, int lane, const LineModel& m, const NoiseModel& noise) {
   const DF d;
   const auto zero = hn::Zero(d), reach2 = hn::Set(d, kReachWidths * kReachWidths);
@@ -263,7 +266,9 @@ HWY_INLINE Normal normal_sums(const Scratch& s, int lane, const LineModel& m, co
   const int reach = HWY_MIN(kReachPx, static_cast<int>(hn::GetLane(hn::MaxOfLanes(d, extent))));
   for_each_pixel(m, reach, [&](int k, VF light, VF u) HWY_ATTR {
     const auto u2 = hn::Mul(u, u);
-    auto t = hn::IfThenElseZero(hn::Le(u2, reach2), hn::Div(light, variance(noise, light)));  // weight times light
+    const auto v = variance(noise, light);
+    auto t = kPass == Pass::last ? hn::Div(light, v) : hn::Mul(light, hn::ApproximateReciprocal(v));
+    t = hn::IfThenElseZero(hn::Le(u2, reach2), t);  // weight times light
     if constexpr (kMasked) t = hn::Mul(t, hn::Neg(load_float(s.usable_signal[kMiddle + k] + lane)));
     const auto level = hn::MulAdd(slope, hn::Set(d, static_cast<float>(k)), level_0);
     const auto residual = hn::Sub(hn::Sub(load_float(s.signal[kMiddle + k] + lane), level), light);
@@ -275,7 +280,7 @@ HWY_INLINE Normal normal_sums(const Scratch& s, int lane, const LineModel& m, co
     n.ra = hn::Add(n.ra, ra);
     n.rx = hn::Add(n.rx, rx);
     n.rs = hn::MulAdd(rx, u, n.rs);
-    if constexpr (kTellSpeckle) {
+    if constexpr (kPass == Pass::tells_speckle) {
       n.excess = hn::MulAdd(ra, ra, n.excess);
       n.weight = hn::MulAdd(aa, aa, n.weight);
     }
@@ -422,15 +427,15 @@ HWY_INLINE bool has_rows(const Scratch& s, int lane) {
 }
 
 /// One pass of Gauss-Newton over the block, and what each row says of the speckle.
-template <bool kMasked, bool kTellSpeckle>
+template <bool kMasked, Pass kPass>
 HWY_INLINE void improve(Scratch& s, const LaserLineOptions& options, float speckle) {
   const DF d;
   const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
     if (!has_rows<kMasked>(s, lane)) continue;
     LineModel m = model_of(s, lane);
-    Normal n = normal_sums<kMasked, kTellSpeckle>(s, lane, m, noise_of(s, lane, options, speckle));
-    if constexpr (kTellSpeckle) {  // position, amplitude and width take up a share of the noise
+    Normal n = normal_sums<kMasked, kPass>(s, lane, m, noise_of(s, lane, options, speckle));
+    if constexpr (kPass == Pass::tells_speckle) {  // position, amplitude and width take up a share of the noise
       const auto taken = hn::Div(hn::Mul(set(3.f), n.weight), hn::Max(n.aa, set(1e-6f)));
       hn::Store(hn::Add(n.excess, taken), d, s.speckle_excess + lane);
       hn::Store(n.weight, d, s.speckle_weight + lane);
@@ -492,10 +497,10 @@ HWY_INLINE void refine_block(Scratch& s, const LaserLineOptions& options) {
   prepare<kMasked>(s, quasi_ml);
   pool_widths(s, kKind<kMasked>);
   if (quasi_ml) {
-    for (int pass = 2; pass < kPasses<kMasked>; ++pass) improve<kMasked, false>(s, options, speckle);
-    improve<kMasked, true>(s, options, speckle);
+    for (int pass = 2; pass < kPasses<kMasked>; ++pass) improve<kMasked, Pass::first>(s, options, speckle);
+    improve<kMasked, Pass::tells_speckle>(s, options, speckle);
     speckle = pooled_speckle(s, kKind<kMasked>, options, speckle);
-    improve<kMasked, false>(s, options, speckle);
+    improve<kMasked, Pass::last>(s, options, speckle);
   }
   for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
     const LineModel m = model_of(s, lane);

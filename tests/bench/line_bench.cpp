@@ -1,8 +1,8 @@
-// Laser-line extraction against reading the frame, a JPEG decoder, and the order of operations of Horus in OpenCV.
-// Everything on one core, from frames that lie in main memory, medians of interleaved runs.
+// Laser-line extraction against reading the frame and the order of operations of Horus in OpenCV.
+// Everything on one core, from frames that lie in main memory, medians of interleaved runs; then
+// how well it does on scenes with known truth.
 
 #include <hwy/targets.h>
-#include <turbojpeg.h>
 
 #include <algorithm>
 #include <chrono>
@@ -114,21 +114,6 @@ Bytes yuyv_red(const Bytes& grey) {
   return yuyv;
 }
 
-Bytes grey_jpeg(const Bytes& grey) {
-  tjhandle encoder = tjInitCompress();
-  unsigned char* bytes = nullptr;
-  unsigned long size = 0;
-  if (encoder == nullptr || tjCompress2(encoder, grey.data(), kWidth, 0, kHeight, TJPF_GRAY, &bytes, &size, TJSAMP_GRAY,
-                                        90, TJFLAG_FASTDCT) != 0) {
-    std::fprintf(stderr, "line_bench: JPEG encoding failed: %s\n", tjGetErrorStr2(encoder));
-    std::exit(4);
-  }
-  Bytes jpeg(bytes, bytes + size);
-  tjFree(bytes);
-  tjDestroy(encoder);
-  return jpeg;
-}
-
 bool all_pass = true;
 
 void line(const std::string& what, double seconds, double ratio, double bar, bool at_least = false) {
@@ -136,6 +121,78 @@ void line(const std::string& what, double seconds, double ratio, double bar, boo
   all_pass = all_pass && pass;
   std::printf("%-52s %8.3f ms %8.2f   %s %5.2f  %s\n", what.c_str(), seconds * 1e3, ratio, at_least ? ">=" : "<=", bar,
               pass ? "PASS" : "over");
+}
+
+void accuracy(const char* what, const char* unit, double value, double bar) {
+  const bool pass = value <= bar;
+  all_pass = all_pass && pass;
+  std::printf("%-52s %12s %8.4f   <= %5.2f  %s\n", what, unit, value, bar, pass ? "PASS" : "over");
+}
+
+/// Errors of the rows and of the smoothed line.
+struct Scores {
+  synthetic::Score rows, smoothed;
+};
+
+void score(const synthetic::Picture& picture, const synthetic::Scene& scene, Scores& scores) {
+  LaserLineOptions options;
+  options.minimum_contrast = 4;
+  options.read_noise = static_cast<float>(scene.read_noise);
+  options.electrons_per_level = static_cast<float>(scene.electrons_per_level);
+  options.speckle_contrast = static_cast<float>(scene.speckle_contrast);
+  options.speckle_extent_px = static_cast<float>(synthetic::kSpeckleExtentPx);
+  std::vector<LineRow> rows(static_cast<std::size_t>(picture.height));
+  std::vector<float> smoothed(rows.size());
+  LaserLineExtractor(options).extract(synthetic::mode_of(picture.width, picture.height), picture.on, {}, rows);
+  smooth_line(rows, smoothed);
+  for (std::size_t y = 0; y < rows.size(); ++y) {
+    scores.rows.add(picture.truth, y, static_cast<double>(rows[y].x_px));
+    scores.smoothed.add(picture.truth, y, static_cast<double>(smoothed[y]));
+  }
+}
+
+void print_accuracy() {
+  for (const double snr : {10.0, 14.0, 20.0}) {
+    const synthetic::Scene scene{
+        .amplitude = 1.5 * snr, .ambient_low = 25, .speckle_contrast = 0, .electrons_per_level = 1e9};
+    Scores scores;
+    for (unsigned seed = 1; seed <= 8; ++seed) {
+      score(synthetic::straight_line(640, 600, 200 + 7.3 * seed, 0.137, 3, scene, seed), scene, scores);
+    }
+    const double bound = 1 / snr * std::sqrt(2 * 3 / std::sqrt(3.14159265358979));
+    accuracy(("additive noise, SNR " + std::to_string(static_cast<int>(snr)) + " / Cramer-Rao bound").c_str(), "",
+             scores.rows.rms() / bound, 1.25);
+  }
+  Scores nominal;
+  for (unsigned seed = 1; seed <= 12; ++seed) {
+    score(synthetic::scan_frame(kWidth, kHeight, synthetic::nominal_scene(), seed), synthetic::nominal_scene(),
+          nominal);
+  }
+  accuracy("nominal scene, a row", "px RMS", nominal.rows.rms(), 0.26);
+  accuracy("nominal scene, smoothed", "px RMS", nominal.smoothed.rms(), 0.15);
+  accuracy("nominal scene, outliers", "%", nominal.rows.outlier_percent(), 0.05);
+  accuracy("nominal scene, misses", "%", nominal.rows.miss_percent(), 0.1);
+  const auto bias = [](double slope, double width, const synthetic::Light& reflectance) {
+    const synthetic::Scene scene = synthetic::nominal_scene();
+    Scores scores;
+    for (unsigned seed = 1; seed <= 24; ++seed) {
+      const double start = slope < 0 ? 450 : 60;
+      score(synthetic::straight_line(512, 250, start + 0.83 * seed, slope, width, scene, seed, reflectance), scene,
+            scores);
+    }
+    return std::abs(scores.rows.mean());
+  };
+  for (const double slope : {-1.5, -0.5, 0.0, 0.5, 1.5}) {
+    accuracy(("bias at slope " + std::to_string(slope).substr(0, 4)).c_str(), "px", bias(slope, 2, nullptr), 0.02);
+  }
+  for (const double width : {1.2, 3.0, 5.0}) {
+    accuracy(("bias at width " + std::to_string(width).substr(0, 3)).c_str(), "px", bias(0, width, nullptr), 0.02);
+  }
+  for (const double contrast : {1.5, 3.0}) {
+    const auto edge = [&](int x, int) { return x < 100 ? 1.0 : 1 / contrast; };  // four widths beyond the line at least
+    accuracy(("bias beside an edge of reflectance " + std::to_string(contrast).substr(0, 3) + " : 1").c_str(), "px",
+             bias(0, 3, edge), 0.02);
+  }
 }
 
 }  // namespace
@@ -158,16 +215,6 @@ int main() {
     sink = sink + bench::sum_of_bytes(bytes.data(), bytes.size());
   };
 
-  const Bytes jpeg = grey_jpeg(picture.on);
-  tjhandle decoder = tjInitDecompress();
-  Bytes decoded(picture.on.size());
-  const auto decode = [&] {
-    if (tjDecompress2(decoder, jpeg.data(), jpeg.size(), decoded.data(), kWidth, 0, kHeight, TJPF_GRAY, 0) != 0) {
-      std::fprintf(stderr, "line_bench: JPEG decoding failed: %s\n", tjGetErrorStr2(decoder));
-      std::exit(4);
-    }
-  };
-
   const auto colour = [](const Bytes& grey) {
     cv::Mat red_plane(kHeight, kWidth, CV_8U, const_cast<std::uint8_t*>(grey.data())), dark, merged;
     red_plane.convertTo(dark, -1, 0.15);
@@ -186,13 +233,8 @@ int main() {
                                [&] { zero_crossing.extract(grey_mode, on.next(), off.next(), rows); },
                                [&] { quasi_ml.extract(grey_mode, on.next(), off.next(), rows); },
                                [&] { sum(yuyv.next()); }, [&] { red.extract(yuyv_mode, yuyv.next(), {}, rows); }});
-  const auto j = medians(31, {decode, [&] {
-                                decode();
-                                quasi_ml.extract(grey_mode, decoded, {}, rows);
-                              }});
   const auto h = medians(15, {[&] { horus_order(on_colour, off_colour, peer); },
                               [&] { quasi_ml.extract(grey_mode, on.next(), off.next(), rows); }});
-  tjDestroy(decoder);
 
   const std::string target = laser_line_simd_target();
   const double zero_crossing_bar = target.rfind("AVX3", 0) == 0 ? 1.15 : 1.5;
@@ -205,8 +247,7 @@ int main() {
   line("grey on - off, quasi-maximum likelihood / sum of both", t[5], t[5] / t[3], 2);
   std::printf("%-52s %8.3f ms %8.2f\n", "sum of a YUYV frame (the limit)", t[6] * 1e3, 1.0);
   line("YUYV red, zero crossing / sum", t[7], t[7] / t[6], 1.5);
-  std::printf("%-52s %8.3f ms %8.2f\n", "JPEG decoded to grey (turbojpeg)", j[0] * 1e3, 1.0);
-  line("the same and quasi-maximum likelihood / decoding", j[1], j[1] / j[0], 1.1);
   line("Horus's order in OpenCV / grey on - off, quasi-ML", h[0], h[0] / h[1], 35, true);
+  print_accuracy();
   return all_pass ? 0 : 1;
 }
