@@ -249,7 +249,8 @@ HWY_INLINE void coarse_peaks(Scratch& s, int row_count, int cell_count, const La
     }
     const int blanked = HWY_MIN(cell[i] + kBlankCells, cell_count - 1) - HWY_MAX(cell[i] - kBlankCells, 0) + 1;
     if (highest[i] * (cell_count - blanked) < kNoiseFactor * sum[i]) continue;
-    const int offset_px = 2 * (static_cast<int>(2 * vertex[i].offset_cells + 16.5f) - 16);
+    // The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
+    const int offset_px = 2 * (static_cast<int>(2 * vertex[i].offset_cells + 16.25f) - 16);
     peaks[i] = {RowStatus::found, 4 * cell[i] + 4 + offset_px};
   }
 }

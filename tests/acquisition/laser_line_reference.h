@@ -218,7 +218,7 @@ class Row {
       return;
     }
     if (highest * count < 22 * sum) return;
-    center_ = 4 * index + 4 + 2 * static_cast<int>(std::floor(2 * offset + 0.5));
+    center_ = 4 * index + 4 + 2 * static_cast<int>(std::floor(2 * offset + 0.25));
     has_window = true;
     for (int k = -32; k < 32; ++k) {
       saturated_ = saturated_ || raw(k) >= saturation();

@@ -134,9 +134,9 @@ struct Scores {
   synthetic::Score rows, smoothed;
 };
 
-void score(const synthetic::Picture& picture, const synthetic::Scene& scene, Scores& scores) {
+void score(const synthetic::Picture& picture, const synthetic::Scene& scene, Scores& scores, int minimum_contrast = 7) {
   LaserLineOptions options;
-  options.minimum_contrast = 4;
+  options.minimum_contrast = minimum_contrast;
   options.read_noise = static_cast<float>(scene.read_noise);
   options.electrons_per_level = static_cast<float>(scene.electrons_per_level);
   options.speckle_contrast = static_cast<float>(scene.speckle_contrast);
@@ -157,7 +157,7 @@ void print_accuracy() {
         .amplitude = 1.5 * snr, .ambient_low = 25, .speckle_contrast = 0, .electrons_per_level = 1e9};
     Scores scores;
     for (unsigned seed = 1; seed <= 8; ++seed) {
-      score(synthetic::straight_line(640, 600, 200 + 7.3 * seed, 0.137, 3, scene, seed), scene, scores);
+      score(synthetic::straight_line(640, 600, 200 + 7.3 * seed, 0.137, 3, scene, seed), scene, scores, 4);
     }
     const double bound = 1 / snr * std::sqrt(2 * 3 / std::sqrt(3.14159265358979));
     accuracy(("additive noise, SNR " + std::to_string(static_cast<int>(snr)) + " / Cramer-Rao bound").c_str(), "",
