@@ -16,8 +16,8 @@
 
 namespace celadon {
 
-/// The weight that bridges gaps and touches nothing else, relative to the traces; and the one that bridges them stiffly,
-/// where functions that hardly any samples support shall not decide.
+/// The weight that bridges gaps and touches nothing else, relative to the traces; and the one that bridges them
+/// stiffly, where functions that hardly any samples support shall not decide.
 inline constexpr double kVanishingWeight = 1e-5, kStiffWeight = 1e-3;
 
 /// Levels of both directions.
