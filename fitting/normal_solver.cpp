@@ -13,6 +13,8 @@ namespace {
 
 constexpr int kSmall = 320;    // unknowns up to which the direct factor is always the quicker way
 constexpr double kSparse = 8;  // and samples an unknown below which it is
+// Of the probes that estimate a trace, whose own scatter is far larger.
+constexpr double kProbeTolerance = 1e-4;
 
 using MapMatrix = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>;
 
@@ -165,7 +167,7 @@ bool NormalSolver::factorise() {
   return factor_->ok();
 }
 
-bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, AlignedVector<double>& x) {
+bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, double tolerance, AlignedVector<double>& x) {
   const StencilMatrix& a = system();
   if (!preconditioner_) preconditioner_ = std::make_shared<const Preconditioner>(equations_, *options_.basis, mu_);
   if (!preconditioner_->usable) return false;
@@ -175,7 +177,7 @@ bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, AlignedVe
   preconditioner_->apply(a, r, z, work, half);
   p = z;
   double rz = dot(r, z);
-  const double target = options_.tolerance * options_.tolerance * rz;
+  const double target = tolerance * tolerance * rz;
   for (iterations_ = 0; rz > target; ++iterations_) {
     if (iterations_ == options_.max_iterations) return false;
     a.multiply(p.data(), q.data());
@@ -194,10 +196,10 @@ bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, AlignedVe
   return std::isfinite(rz);
 }
 
-bool NormalSolver::solve_field(const AlignedVector<double>& b, AlignedVector<double>& x) {
+bool NormalSolver::solve_field(const AlignedVector<double>& b, double tolerance, AlignedVector<double>& x) {
   const int unknowns = equations_.matrix().size();
   const bool direct = options_.direct || unknowns <= kSmall || equations_.weight() < kSparse * unknowns;
-  if (!factor_ && !direct && conjugate_gradients(b, x)) return true;
+  if (!factor_ && !direct && conjugate_gradients(b, tolerance, x)) return true;
   if (!factorise()) return false;
   x.resize(b.size());
   factor_->solve(b.data(), x.data());
@@ -215,7 +217,7 @@ std::optional<Eigen::MatrixXd> NormalSolver::solve() {
 
 std::optional<Eigen::MatrixXd> NormalSolver::apply_inverse(const Eigen::MatrixXd& y) {
   AlignedVector<double> x;
-  if (!solve_field(equations_.to_field(y), x)) return std::nullopt;
+  if (!solve_field(equations_.to_field(y), options_.tolerance, x)) return std::nullopt;
   return equations_.to_matrix(x);
 }
 
@@ -223,13 +225,14 @@ double NormalSolver::effective_parameters() {
   const StencilMatrix& a = equations_.matrix();
   const int nu = a.count_u(), nv = a.count_v(), n = a.size();
   if (mu_ <= 0) return equations_.supported_unknowns();
-  // tr (A + mu E)^-1 A = mean of z' (A + mu E)^-1 A z over signs z: all unit vectors when small, else fixed signs, the
-  // same for every mu so that their noise cancels in comparisons.
+  // tr (A + mu E)^-1 A = n - mu tr (A + mu E)^-1 E: what smoothing takes away is the small part where it matters. The
+  // trace is the mean of z' (A + mu E)^-1 mu E z over signs z: all unit vectors when small, else fixed signs, the same
+  // for every mu so that their noise cancels in comparisons.
   const bool exact = n <= kSmall;
   const int probes = exact ? n : 4;
   std::uint64_t state = 0x9e3779b97f4a7c15u;
-  double sum = 0;
-  AlignedVector<double> product(a.field_size());
+  double lost = 0;
+  AlignedVector<double> of_samples(a.field_size()), of_both(a.field_size()), x;
   for (int k = 0; k < probes; ++k) {
     Eigen::MatrixXd z = Eigen::MatrixXd::Zero(nu, nv);
     if (exact) {
@@ -243,12 +246,13 @@ double NormalSolver::effective_parameters() {
       }
     }
     const auto field = equations_.to_field(z);
-    a.multiply(field.data(), product.data());
-    const auto x = apply_inverse(equations_.to_matrix(product));
-    if (!x) return n;
-    sum += z.cwiseProduct(*x).sum();
+    a.multiply(field.data(), of_samples.data());
+    system().multiply(field.data(), of_both.data());
+    for (std::size_t i = 0; i < of_both.size(); ++i) of_both[i] -= of_samples[i];
+    if (!solve_field(of_both, kProbeTolerance, x)) return n;
+    lost += dot(field, x);
   }
-  return exact ? sum : sum / probes;
+  return n - (exact ? lost : lost / probes);
 }
 
 RangeFunction range_function(const NormalEquations& equations, const Eigen::MatrixXd& free) {

@@ -109,8 +109,8 @@ class NormalSolver {
  private:
   struct Preconditioner;
   const StencilMatrix& system() const { return regularised_ ? *regularised_ : equations_.matrix(); }
-  bool conjugate_gradients(const AlignedVector<double>& b, AlignedVector<double>& x);
-  bool solve_field(const AlignedVector<double>& b, AlignedVector<double>& x);
+  bool conjugate_gradients(const AlignedVector<double>& b, double tolerance, AlignedVector<double>& x);
+  bool solve_field(const AlignedVector<double>& b, double tolerance, AlignedVector<double>& x);
   bool factorise();
   const NormalEquations& equations_;
   Options options_;
