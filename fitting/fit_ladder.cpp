@@ -31,6 +31,39 @@ FitSpace FitLadder::space(int level_u, int level_v, Variation variation) const {
                              : RangeSpace::constant(circle)};
 }
 
+// Levels that are coarser in every direction there is to coarsen: together they have fewer cells than the grid. The
+// others read the grid itself.
+bool FitLadder::merges(int level_u, int level_v) const {
+  return (level_u > 0 || levels_u_ == 1) && (level_v > 0 || levels_v_ == 1) && level_u + level_v > 0;
+}
+
+MomentCells FitLadder::cells(int level_u, int level_v) const {
+  if (!merges(level_u, level_v)) return cells_of(sums_);
+  const auto kept = merged_.find({level_u, level_v});
+  if (kept != merged_.end()) return kept->second.cells();
+  // From one level finer in both directions, or in the one that has a finer level of this kind, or from the grid.
+  std::pair<int, int> finer{0, 0};
+  for (const auto& at :
+       {std::pair{level_u, level_v - 1}, std::pair{level_u - 1, level_v}, std::pair{level_u - 1, level_v - 1}})
+    if (at.first >= 0 && at.second >= 0 && merges(at.first, at.second)) finer = at;
+  std::vector<int> edges_v;
+  for (int edge = 0; edge <= sums_.v_cells(); edge += 1 << level_v) edges_v.push_back(edge);
+  const auto entry =
+      merged_.try_emplace({level_u, level_v}, cells(finer.first, finer.second), edges(level_u), std::move(edges_v));
+  return entry.first->second.cells();
+}
+
+NormalEquations FitLadder::equations(int level_u, int level_v, Variation variation) const {
+  return {sums_, cells(variation.along_u ? level_u : levels_u_ - 1, variation.around_v ? level_v : levels_v_ - 1),
+          space(level_u, level_v, variation)};
+}
+
+std::size_t FitLadder::memory_bytes() const {
+  std::size_t sum = 0;
+  for (const auto& [levels, moments] : merged_) sum += moments.memory_bytes();
+  return sum;
+}
+
 int FitLadder::unknowns(int level_u, int level_v, Variation variation) const {
   const int m = intervals_per_arc(level_v), arcs = sums_.arcs().count();
   const bool plain = degree_v_ <= 2 || continuity_ == JointContinuity::thesis;

@@ -58,10 +58,10 @@ double smooth(LadderFit& fit, double penalty, double start) {
 
 }  // namespace
 
-std::optional<LadderFit> solve_member(const MomentGrid& sums, const FitLadder& ladder, LadderLevels levels,
-                                      Variation variation, double bridging) {
+std::optional<LadderFit> solve_member(const FitLadder& ladder, LadderLevels levels, Variation variation,
+                                      double bridging) {
   LadderFit fit;
-  fit.equations = std::make_unique<NormalEquations>(sums, ladder.space(levels.u, levels.v, variation));
+  fit.equations = std::make_unique<NormalEquations>(ladder.equations(levels.u, levels.v, variation));
   fit.levels = levels;
   const NormalEquations& equations = *fit.equations;
   std::optional<Eigen::MatrixXd> free;
@@ -85,7 +85,7 @@ const LadderSearch::Member& LadderSearch::member(LadderLevels levels, Variation 
   if (!variation.around_v) levels.v = coarsest().v;
   const auto [entry, fresh] = members_.try_emplace({levels.u, levels.v, variation.along_u, variation.around_v});
   if (fresh) {
-    if (const auto fit = solve_member(sums_, ladder_, levels, variation))
+    if (const auto fit = solve_member(ladder_, levels, variation))
       entry->second = {fit->residual_square, fit->parameters, true};
   }
   return entry->second;
@@ -189,7 +189,7 @@ std::optional<LadderSearch::Choice> LadderSearch::select(const Options& options)
   const auto holds = [&](LadderLevels at) {
     const auto [entry, fresh] = percentiles.try_emplace(at, kInfinity);
     if (fresh)
-      if (const auto fit = solve_member(sums_, ladder_, at, variation)) entry->second = percentile(*fit);
+      if (const auto fit = solve_member(ladder_, at, variation)) entry->second = percentile(*fit);
     return entry->second <= options.tolerance_mm;
   };
   std::function<bool(LadderLevels)> good_enough;
@@ -197,7 +197,7 @@ std::optional<LadderSearch::Choice> LadderSearch::select(const Options& options)
   const auto levels =
       options.fixed ? options.fixed : descend(variation, {kSamplesPerUnknown, kProfilesPerUnknown}, cp, good_enough);
   if (!levels) return std::nullopt;
-  auto fit = solve_member(sums_, ladder_, *levels, variation);
+  auto fit = solve_member(ladder_, *levels, variation);
   if (!fit) return std::nullopt;
   Choice choice{std::move(*fit), {}};
 
@@ -231,7 +231,7 @@ std::optional<LadderSearch::Choice> LadderSearch::select(const Options& options)
   if (options.fixed || choice.fit.smoothing == 0 || !exists(finer, variation) ||
       !affordable(finer, variation, {kSamplesPerUnknown, kProfilesPerUnknown}))
     return choice;
-  if (auto other = solve_member(sums_, ladder_, finer, variation))
+  if (auto other = solve_member(ladder_, finer, variation))
     if (smooth(*other, penalty(finer), choice.fit.smoothing / 10) < smoothed) choice.fit = std::move(*other);
   return choice;
 }

@@ -36,8 +36,8 @@ struct LadderFit {
 };
 
 /// One member, with an energy of this weight where samples are missing. nullopt: not determined.
-std::optional<LadderFit> solve_member(const MomentGrid& sums, const FitLadder& ladder, LadderLevels levels,
-                                      Variation variation, double bridging = kVanishingWeight);
+std::optional<LadderFit> solve_member(const FitLadder& ladder, LadderLevels levels, Variation variation,
+                                      double bridging = kVanishingWeight);
 
 /// The ladder of one set of sums; what a member leaves over is computed once.
 class LadderSearch {

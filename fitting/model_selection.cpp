@@ -26,8 +26,8 @@ struct SamplePoints {
 };
 
 // A of a space that varies in one direction only.
-Eigen::MatrixXd marginal(const MomentGrid& sums, const FitLadder& ladder, LadderLevels levels, Variation variation) {
-  const NormalEquations equations(sums, ladder.space(levels.u, levels.v, variation));
+Eigen::MatrixXd marginal(const FitLadder& ladder, LadderLevels levels, Variation variation) {
+  const NormalEquations equations = ladder.equations(levels.u, levels.v, variation);
   const int n = equations.matrix().size();
   Eigen::MatrixXd a(n, n), unit = Eigen::MatrixXd::Zero(equations.matrix().count_u(), equations.matrix().count_v());
   AlignedVector<double> product(equations.matrix().field_size());
@@ -68,10 +68,10 @@ SamplePoints sample_points(const RangeSpace& space, const Eigen::MatrixXd& a) {
 // in both directions as their marginals say, A = Au x Av / N.
 class Deviations {
  public:
-  Deviations(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference) {
+  Deviations(const FitLadder& ladder, const ReferenceFit& reference) {
     const auto& equations = reference.equations;
-    const Eigen::MatrixXd au = marginal(sums, ladder, reference.levels, {true, false}),
-                          av = marginal(sums, ladder, reference.levels, {false, true});
+    const Eigen::MatrixXd au = marginal(ladder, reference.levels, {true, false}),
+                          av = marginal(ladder, reference.levels, {false, true});
     u_ = sample_points(equations.space().u, au);
     v_ = sample_points(equations.space().v, av);
     // Where the samples are fewer than the marginals say: S^-1 A S^-1 with S from the diagonal.
@@ -133,19 +133,18 @@ double normal_quantile(double upper_tail) {
   return (lo + hi) / 2;
 }
 
-ModelDecision select_model(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference,
-                           double form_tolerance) {
+ModelDecision select_model(const FitLadder& ladder, const ReferenceFit& reference, double form_tolerance) {
   const NormalEquations& general = reference.equations;
   const double n = general.weight(), within = reference.inflation.within * reference.noise_variance,
                common = reference.inflation.common * reference.noise_variance;
   const int unknowns = general.supported_unknowns();
-  const Deviations deviations(sums, ladder, reference);
+  const Deviations deviations(ladder, reference);
   const Eigen::MatrixXd gradient = general.gradient(reference.free);
 
   std::optional<SurfaceModel> chosen, statistical;
   std::string why, last_refusal;
   for (const SurfaceModel model : {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational}) {
-    const NormalEquations simple(sums, ladder.space(reference.levels.u, reference.levels.v, variation_of(model)));
+    const NormalEquations simple = ladder.equations(reference.levels.u, reference.levels.v, variation_of(model));
     const auto free = NormalSolver(simple).solve();
     if (!free) continue;
     // The functions of a direction sum to one: a constant has all coefficients equal.

@@ -30,8 +30,7 @@ struct ModelDecision {
 Variation variation_of(SurfaceModel model);
 
 /// The first of cylinder, revolution, translational that passes both tests; general if none does.
-ModelDecision select_model(const MomentGrid& sums, const FitLadder& ladder, const ReferenceFit& reference,
-                           double form_tolerance_mm);
+ModelDecision select_model(const FitLadder& ladder, const ReferenceFit& reference, double form_tolerance_mm);
 
 /// The value that a standard normal variable stays below with probability 1 - upper_tail. @pre 0 < upper_tail < 0.5
 double normal_quantile(double upper_tail);

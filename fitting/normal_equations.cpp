@@ -11,18 +11,10 @@ namespace celadon {
 namespace {
 
 using assembly_kernels::FunctionTables;
-using assembly_kernels::Placement;
 using assembly_kernels::Translation;
 
-// How one direction's cells lie in the intervals of a space.
-struct CellMap {
-  std::vector<int> first, last;      // cells [first, last) of each interval
-  std::vector<Placement> placement;  // per cell
-};
-
-CellMap map_cells(std::span<const double> breaks_in_cells, int cells, const char* what) {
-  CellMap map;
-  map.placement.resize(static_cast<std::size_t>(cells));
+// Breaks as edges of a grid's cells.
+std::vector<int> grid_edges(std::span<const double> breaks_in_cells, int cells, const char* what) {
   std::vector<int> edges;
   for (const double b : breaks_in_cells) {
     const int edge = static_cast<int>(std::lround(b));
@@ -31,15 +23,7 @@ CellMap map_cells(std::span<const double> breaks_in_cells, int cells, const char
                                   std::to_string(b) + " is not on the grid's edges 0.." + std::to_string(cells));
     edges.push_back(edge);
   }
-  for (std::size_t k = 0; k + 1 < edges.size(); ++k) {
-    const int lo = edges[k], hi = edges[k + 1];
-    map.first.push_back(lo);
-    map.last.push_back(hi);
-    for (int c = lo; c < hi; ++c)
-      map.placement[static_cast<std::size_t>(c)] = {static_cast<double>(2 * c + 1 - lo - hi) / (hi - lo),
-                                                    1.0 / (hi - lo)};
-  }
-  return map;
+  return edges;
 }
 
 // Products of the functions x and y along v with the pairs (i, i + d) along u, g[d * pitch + i]: both ways round.
@@ -62,6 +46,9 @@ int bandwidth(const RangeSpace& space) {
 }  // namespace
 
 NormalEquations::NormalEquations(const MomentGrid& sums, FitSpace space)
+    : NormalEquations(sums, cells_of(sums), std::move(space)) {}
+
+NormalEquations::NormalEquations(const MomentGrid& sums, const MomentCells& cells, FitSpace space)
     : space_(std::move(space)),
       arcs_(sums.arcs()),
       matrix_(space_.u.free_count(), bandwidth(space_.u), space_.v.free_count(), bandwidth(space_.v)),
@@ -69,22 +56,22 @@ NormalEquations::NormalEquations(const MomentGrid& sums, FitSpace space)
   if (space_.u.degree() > sums.specification().degree_u || space_.v.degree() > sums.specification().degree_v)
     throw std::invalid_argument("NormalEquations: degrees (" + std::to_string(space_.u.degree()) + ", " +
                                 std::to_string(space_.v.degree()) + ") exceed those of the sums");
-  assemble(sums);
+  assemble(sums, cells);
 }
 
-void NormalEquations::assemble(const MomentGrid& sums) {
+void NormalEquations::assemble(const MomentGrid& sums, const MomentCells& cells) {
   const auto& spec = sums.specification();
-  const MomentLayout& from = sums.layout();
+  const MomentLayout& from = cells.layout;
   const int p = space_.u.degree(), q = space_.v.degree();
 
   std::vector<double> z_breaks, v_breaks;
   for (const double z : space_.u.breaks())
     z_breaks.push_back((z - spec.z_start_mm) / (spec.z_end_mm - spec.z_start_mm) * spec.z_intervals);
   for (const double v : space_.v.breaks()) v_breaks.push_back(v * spec.intervals_per_arc);
-  const CellMap map_u = map_cells(z_breaks, sums.z_cells(), "z");
-  const CellMap map_v = map_cells(v_breaks, sums.v_cells(), "v");
+  const CellMap map_u = map_cells(cells.edges_z, grid_edges(z_breaks, sums.z_cells(), "z"), "z");
+  const CellMap map_v = map_cells(cells.edges_v, grid_edges(v_breaks, sums.v_cells(), "v"), "v");
   std::vector<Translation> along_u;
-  for (const Placement& at : map_u.placement) along_u.emplace_back(at, 2 * p + 1);
+  for (const auto& at : map_u.placement) along_u.emplace_back(at, 2 * p + 1);
   std::vector<FunctionTables> products_u;
   for (int k = 0; k < space_.u.intervals(); ++k) products_u.push_back(FunctionTables::along_u(space_.u, k));
 
@@ -99,15 +86,15 @@ void NormalEquations::assemble(const MomentGrid& sums) {
     std::fill(merged.begin(), merged.end(), 0.0);
     for (int j = first_v; j < last_v; ++j) {
       for (int i = map_u.first.front(); i < map_u.last.back(); ++i) {
-        const double* cell = sums.cell(i, j);
+        const double* cell = cells.cell(i, j);
         weight_ += cell[0];
         square_ += cell[from.square()];
         range_ += cell[from.range(0, 0)];
       }
       const Translation along_v(map_v.placement[static_cast<std::size_t>(j)], 2 * q + 1);
-      assembly_kernels::merge(
-          {sums.cell(0, j), from, p, q, &map_u.first, &map_u.last, &along_u, last_v - first_v > 1 ? &along_v : nullptr},
-          merged.data());
+      assembly_kernels::merge({cells.cell(0, j), from, p, q, &map_u.first, &map_u.last, &along_u,
+                               last_v - first_v > 1 ? &along_v : nullptr},
+                              merged.data());
     }
 
     const auto products_v = FunctionTables::along_v(space_.v, J);

@@ -9,6 +9,7 @@
 
 #include "fitting/bending_energy.h"
 #include "fitting/block_cholesky.h"
+#include "fitting/moment_cells.h"
 #include "fitting/moment_grid.h"
 #include "fitting/range_function.h"
 #include "fitting/range_space.h"
@@ -28,6 +29,8 @@ class NormalEquations {
   /// @pre the breaks of both spaces lie on edges of the grid's cells, their degrees do not exceed the grid's
   /// @throws std::invalid_argument if not
   NormalEquations(const MomentGrid& sums, FitSpace space);
+  /// The same from larger cells of those sums. @pre the breaks lie on edges of these cells
+  NormalEquations(const MomentGrid& sums, const MomentCells& cells, FitSpace space);
 
   const FitSpace& space() const { return space_; }
   const BaseArcs& arcs() const { return arcs_; }
@@ -52,7 +55,7 @@ class NormalEquations {
   Eigen::MatrixXd to_matrix(const AlignedVector<double>& field) const;
 
  private:
-  void assemble(const MomentGrid& sums);
+  void assemble(const MomentGrid& sums, const MomentCells& cells);
   FitSpace space_;
   BaseArcs arcs_;
   StencilMatrix matrix_;

@@ -114,11 +114,11 @@ struct Noise {
 // Which model, by the samples or as given.
 tl::expected<ModelDecision, FitError> decide_model(Domain& domain, const Noise& noise, const RangeFitOptions& options,
                                                    LadderLevels levels) {
-  const auto reference = solve_member(*domain.sums, domain.ladder, levels, {});
+  const auto reference = solve_member(domain.ladder, levels, {});
   if (!reference) return tl::unexpected(FitError{kUndetermined});
-  ModelDecision decision = select_model(
-      *domain.sums, domain.ladder, {*reference->equations, reference->free, levels, noise.variance, noise.inflation},
-      form_tolerance(options, reference->free, domain.band));
+  ModelDecision decision =
+      select_model(domain.ladder, {*reference->equations, reference->free, levels, noise.variance, noise.inflation},
+                   form_tolerance(options, reference->free, domain.band));
   if (options.model != SurfaceModel::automatic) {
     decision.decided_by =
         text("%s: as given; left to the samples it would be %s", to_string(options.model), to_string(decision.model));
@@ -281,21 +281,21 @@ tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFit
     if (!fixed) return tl::unexpected(fixed.error());
     levels = *fixed;
   }
-  auto member = solve_member(sums, ladder, levels, {});
+  auto member = solve_member(ladder, levels, {});
   if (!member) return tl::unexpected(FitError{kUndetermined});
   const double n = member->equations->weight();
   const Noise noise{member->residual_square / std::max(n - member->parameters, 0.05 * n), {}};
 
   RangeFit fit;
   ModelDecision decision =
-      select_model(sums, ladder, {*member->equations, member->free, levels, noise.variance, noise.inflation},
+      select_model(ladder, {*member->equations, member->free, levels, noise.variance, noise.inflation},
                    form_tolerance(options, member->free, (*domain)->band));
   fit.report.model = options.model == SurfaceModel::automatic ? decision.model : options.model;
   fit.report.decided_by = "preview: " + decision.decided_by;
   fit.report.stopped_by = "preview: the knots of the reference";
   fit.report.noise_mm = std::sqrt(noise.variance);
   if (fit.report.model != SurfaceModel::general) {
-    member = solve_member(sums, ladder, levels, variation_of(fit.report.model));
+    member = solve_member(ladder, levels, variation_of(fit.report.model));
     if (!member) return tl::unexpected(FitError{kUndetermined});
   }
   const CoveredBand& band = (*domain)->band;
@@ -330,7 +330,7 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
   // The noise is estimated where the fit predicts best, or from the robust reference where there are strangers.
   enter(reweight ? "weighting the samples" : "estimating the noise");
   auto candidate = (*domain)->search.best_for_white_noise();
-  const auto candidate_fit = solve_member(sums, (*domain)->ladder, candidate.levels, candidate.variation);
+  const auto candidate_fit = solve_member((*domain)->ladder, candidate.levels, candidate.variation);
   if (!candidate_fit) return tl::unexpected(FitError{kUndetermined});
   const RangeFunction noise_function =
       reweight ? first.robust.function() : range_function(*candidate_fit->equations, candidate_fit->free);

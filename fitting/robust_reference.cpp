@@ -118,7 +118,7 @@ bool RobustReference::solve(Weights weights) {
     for (int i = 0; i < grid.z_cells(); ++i)
       if (grid.cell_weight(i, j) > 0) band.first = std::min(band.first, i), band.last = std::max(band.last, i + 1);
   const FitLadder ladder(grid, band, specification_.degree_u, specification_.degree_v, continuity_);
-  const auto fit = solve_member(grid, ladder, {}, {}, kStiffWeight);
+  const auto fit = solve_member(ladder, {}, {}, kStiffWeight);
   if (!fit) return false;
   function_ = range_function(*fit->equations, fit->free);
   return true;

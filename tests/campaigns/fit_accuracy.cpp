@@ -31,7 +31,7 @@ int main(int argc, char** argv) {
       double best = 1e300, parameters = 0;
       for (int u = 0; u < ladder.levels_u(); ++u)
         for (int v = 0; v < ladder.levels_v(); ++v)
-          if (const auto member = solve_member(sums, ladder, {u, v}, {})) {
+          if (const auto member = solve_member(ladder, {u, v}, {})) {
             const double rms = test::miss(range_function(*member->equations, member->free), test::freeform).rms;
             if (rms < best) best = rms, parameters = member->parameters;
           }

@@ -234,7 +234,7 @@ TEST(NormalSolver, EmptyCellsAreBridgedWithoutTouchingTheRest) {
   MomentGrid grid({0, 120, 16, 8, 3, 3});
   grid.add(kept.r, kept.theta, kept.z);
   const FitLadder ladder(grid, {0, 16}, 3, 3, JointContinuity::curvature);
-  const auto fit = solve_member(grid, ladder, {0, 0}, {});
+  const auto fit = solve_member(ladder, {0, 0}, {});
   ASSERT_TRUE(fit);
   EXPECT_GT(fit->equations->empty_cells(), 0);
   // The gradient vanishes: on the samples it is plain least squares.

@@ -108,7 +108,7 @@ TEST(RangeFit, IsAsGoodAsTheBestMemberOfTheLadder) {
       double best = 1e300;
       for (int u = 0; u < ladder.levels_u(); ++u)
         for (int v = 0; v < ladder.levels_v(); ++v)
-          if (const auto member = solve_member(sums, ladder, {u, v}, {}))
+          if (const auto member = solve_member(ladder, {u, v}, {}))
             best = std::min(best, miss(range_function(*member->equations, member->free), freeform).rms);
       EXPECT_LE(miss(f->function, freeform).rms, 1.15 * best) << n << " correlation " << correlation;
     }
@@ -423,8 +423,8 @@ TEST(RangeFit, RefusalsSayWhatIsWrong) {
   EXPECT_THAT(fit_range(outside, whole).error().message, HasSubstr("outside the band"));
 }
 
-// Fifteen grooves: a scanner's sums have four intervals for each. A revolution gets as many as it takes, from the second
-// pass.
+// Fifteen grooves: a scanner's sums have four intervals for each. A revolution gets as many as it takes, from the
+// second pass.
 TEST(RangeFit, RevolutionsRefineAlongTheAxisBeyondTheSums) {
   const auto grooves = [](double, double z) { return 30 + 0.2 * std::sin(2 * kPi * z / 8); };
   for (const bool outliers : {false, true}) {
