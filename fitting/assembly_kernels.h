@@ -29,7 +29,7 @@ struct Translation {
 /// x <= y in any order; along u lane d * width + x is the pair (x, x + d), so that those of one d lie side by side.
 struct FunctionTables {
   static constexpr int kMaxLanes = 48;  // 6 offsets of width 8
-  int functions = 0, width = 4;  ///< width: 4 or 8, at least `functions`
+  int functions = 0, width = 4;         ///< width: 4 or 8, at least `functions`
   int pairs = 0;
   int x[kMaxLanes] = {}, y[kMaxLanes] = {};               ///< functions of each pair
   alignas(64) double pair[kMaxPowers][kMaxLanes] = {};    ///< pair[power][lane]

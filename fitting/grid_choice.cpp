@@ -2,11 +2,11 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <numbers>
 #include <vector>
 
+#include "fitting/even_sample.h"
 #include "fitting/fit_report.h"
 #include "fitting/range_fit.h"
 
@@ -19,35 +19,9 @@ constexpr double kStrayReach = 0.05;    // and how far, as a share of the rest, 
 constexpr double kSamplesPerCell = 5;
 constexpr int kLargestAround = 32, kLargestAlong = 256, kLargestCells = 16384;
 
-// An even sample of a stream: values whose number has a hash below a bound that halves when there are too many. (Every
-// 2^k-th value would be the same rows of every profile.)
-class Heights {
- public:
-  void add(double z) {
-    std::uint64_t hash = ++seen_ * 0x9e3779b97f4a7c15u;
-    hash ^= hash >> 29;
-    hash *= 0xbf58476d1ce4e5b9u;
-    hash ^= hash >> 32;
-    if (hash > bound_) return;
-    values_.push_back({z, hash});
-    while (values_.size() > kHeights) {
-      bound_ /= 2;
-      std::erase_if(values_, [&](const Height& h) { return h.hash > bound_; });
-    }
-  }
-  double quantile(double share) {
-    std::sort(values_.begin(), values_.end(), [](const Height& a, const Height& b) { return a.z < b.z; });
-    return values_[static_cast<std::size_t>(share * static_cast<double>(values_.size() - 1))].z;
-  }
-
- private:
-  struct Height {
-    double z;
-    std::uint64_t hash;
-  };
-  std::vector<Height> values_;
-  std::uint64_t seen_ = 0, bound_ = std::numeric_limits<std::uint64_t>::max();
-};
+double quantile(const std::vector<double>& sorted, double share) {
+  return sorted[static_cast<std::size_t>(share * static_cast<double>(sorted.size() - 1))];
+}
 
 }  // namespace
 
@@ -62,7 +36,7 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
     return tl::unexpected(FitError{text("%d z intervals and %d intervals an arc must both be powers of two",
                                         *options.z_intervals, *options.intervals_per_arc)});
 
-  Heights heights;
+  EvenSample<double> sample(kHeights);
   double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, sum_r = 0;
   std::size_t good = 0, on_axis = 0, total = 0;
   profiles.rewind();
@@ -79,7 +53,7 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
       sum_r += r;
       lowest = std::min(lowest, z);
       highest = std::max(highest, z);
-      heights.add(z);
+      sample.add([&] { return z; });
     }
   if (total == 0) return tl::unexpected(FitError{text("there are no samples; scan the object or name another input")});
   if (good == 0 && on_axis > 0)
@@ -89,7 +63,9 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
     return tl::unexpected(
         FitError{text("none of the %zu samples is a finite number; check the input's format", total)});
 
-  const double low = heights.quantile(kStrayShare), high = heights.quantile(1 - kStrayShare);
+  std::vector<double> heights(sample.values());
+  std::sort(heights.begin(), heights.end());
+  const double low = quantile(heights, kStrayShare), high = quantile(heights, 1 - kStrayShare);
   const double reach = kStrayReach * (high - low);
   GridSpecification grid;
   grid.z_start_mm = lowest < low - reach ? low - reach : lowest;

@@ -78,18 +78,28 @@ void MomentGrid::add(std::span<const double> r, std::span<const double> theta, s
                      std::span<const double> weight) {
   require_lengths(r.size(), theta.size(), z.size(), "add");
   if (!weight.empty()) require_lengths(r.size(), weight.size(), r.size(), "add");
-  const auto grid = kernel_grid(specification_, layout_, v_cells(), cells_.data());
   std::array<double, kBlock> v;
   for (std::size_t k = 0; k < r.size(); k += kBlock) {
     const std::size_t n = std::min(kBlock, r.size() - k);
     arcs_.synchronise(theta.data() + k, n, v.data());
     for (std::size_t i = 0; i < n; ++i) v[i] = std::isfinite(theta[k + i]) ? v[i] : -1;
+    add_synchronised(r.subspan(k, n), std::span(v).first(n), z.subspan(k, n),
+                     weight.empty() ? weight : weight.subspan(k, n));
+  }
+}
+
+void MomentGrid::add_synchronised(std::span<const double> r, std::span<const double> v, std::span<const double> z,
+                                  std::span<const double> weight) {
+  require_lengths(r.size(), v.size(), z.size(), "add_synchronised");
+  if (!weight.empty()) require_lengths(r.size(), weight.size(), r.size(), "add_synchronised");
+  const auto grid = kernel_grid(specification_, layout_, v_cells(), cells_.data());
+  for (std::size_t k = 0; k < r.size(); k += kBlock) {
+    const std::size_t n = std::min(kBlock, r.size() - k);
     const double* w = weight.empty() ? nullptr : weight.data() + k;
-    const std::size_t good = moment_kernels::add_block(grid, r.data() + k, z.data() + k, v.data(), w, n);
+    const std::size_t good = moment_kernels::add_block(grid, r.data() + k, z.data() + k, v.data() + k, w, n);
     samples_ += good;
     if (good < n)
-      count_rejected(r.subspan(k, n), std::span(v).first(n), z.subspan(k, n),
-                     weight.empty() ? weight : weight.subspan(k, n));
+      count_rejected(r.subspan(k, n), v.subspan(k, n), z.subspan(k, n), weight.empty() ? weight : weight.subspan(k, n));
   }
 }
 

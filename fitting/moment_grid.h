@@ -41,6 +41,9 @@ class MomentGrid {
   /// Samples outside the band, with r <= 0 or not finite are counted as rejected, never added.
   void add(std::span<const double> r_mm, std::span<const double> theta_rad, std::span<const double> z_mm,
            std::span<const double> weight = {});
+  /// The same with v as BaseArcs gives it in place of theta; negative where an angle is not finite.
+  void add_synchronised(std::span<const double> r_mm, std::span<const double> v, std::span<const double> z_mm,
+                        std::span<const double> weight = {});
   /// Add a profile whose samples share one theta, z ascending or not: one-dimensional sums, one outer product a cell.
   void add_constant_theta(double theta_rad, std::span<const double> r_mm, std::span<const double> z_mm);
   /// Add points x, y, z (axis = z).

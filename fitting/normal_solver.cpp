@@ -197,8 +197,9 @@ bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, double to
 }
 
 bool NormalSolver::solve_field(const AlignedVector<double>& b, double tolerance, AlignedVector<double>& x) {
-  const int unknowns = equations_.matrix().size();
-  const bool direct = options_.direct || unknowns <= kSmall || equations_.weight() < kSparse * unknowns;
+  const StencilMatrix& a = equations_.matrix();
+  const bool banded = a.count_u() == 1 || a.count_v() == 1;  // its factor costs as little as the matrix itself
+  const bool direct = options_.direct || banded || a.size() <= kSmall || equations_.weight() < kSparse * a.size();
   if (!factor_ && !direct && conjugate_gradients(b, tolerance, x)) return true;
   if (!factorise()) return false;
   x.resize(b.size());

@@ -9,14 +9,12 @@
 #include <utility>
 
 #include "fitting/coverage.h"
-#include "fitting/error_histogram.h"
 #include "fitting/fit_ladder.h"
 #include "fitting/fit_report.h"
 #include "fitting/knot_selection.h"
 #include "fitting/model_selection.h"
-#include "fitting/noise_correlation.h"
-#include "fitting/residual_pass.h"
 #include "fitting/robust_reference.h"
+#include "fitting/weighing.h"
 
 namespace celadon {
 namespace {
@@ -34,6 +32,8 @@ constexpr double kRelativeFormTolerance = 1e-9;
 // z intervals of sums for a revolution alone, and rows of a profile for each of its unknowns at least.
 constexpr int kMostAlongRevolution = 2048;
 constexpr double kRowsPerUnknown = 1.5;
+// Coefficients of a revolution scatter around by no more than so many standard deviations of a sample, on average.
+constexpr double kRevolutionScales = 8;
 constexpr double kAnyProfiles = std::numeric_limits<double>::infinity();
 
 const char* const kUndetermined =
@@ -73,12 +73,6 @@ tl::expected<LadderLevels, FitError> fixed_levels(const MomentGrid& sums, const 
   return tl::unexpected(FitError{
       text("%d z intervals and %d an arc are not among those of the sums (%d and %d, halved any number of times)",
            *options.z_intervals, *options.intervals_per_arc, sums.z_cells(), sums.specification().intervals_per_arc)});
-}
-
-// Variance of r - F(theta, z) from a sample's covariance and the surface's slopes.
-double residual_variance(const SampleCovariance& c, double r_theta, double r_z) {
-  return c.rr + r_theta * r_theta * c.tt + r_z * r_z * c.zz - 2 * r_theta * c.rt - 2 * r_z * c.rz +
-         2 * r_theta * r_z * c.tz;
 }
 
 // Where samples are looked for and in which spaces; belongs to one set of sums.
@@ -127,40 +121,26 @@ tl::expected<ModelDecision, FitError> decide_model(Domain& domain, const Noise& 
   return decision;
 }
 
-// First pass: a bounded sample for the robust reference, and how far the samples reach in every sector.
-struct FirstLook {
-  RobustReference robust;
-  SectorExtents extents;
-  std::size_t points = 0;
-  double profiles = 0;  ///< lines of rows; infinite where points are scattered
-  bool covariances = false, fitted = false;
-};
-FirstLook look(const MomentGrid& sums, ProfileStream& profiles, const RangeFitOptions& options) {
-  FirstLook first{RobustReference(sums, options.degree_u, options.degree_v, options.continuity), SectorExtents(sums)};
-  const auto& grid = sums.specification();
-  for (ResidualPass pass(profiles, sums.arcs()); const Profile* p = pass.next();) {
-    first.points += p->size();
-    first.profiles += p->order == ProfileOrder::rows ? 1 : std::numeric_limits<double>::infinity();
-    first.covariances = first.covariances || !p->covariance.empty();
-    first.robust.add(*p, pass.v().data());
-    for (std::size_t k = 0; k < p->size(); ++k)
-      if (pass.usable(k, grid.z_start_mm, grid.z_end_mm)) first.extents.add(pass.v()[k], p->z_mm[k]);
-  }
-  first.fitted = first.robust.fit();
-  return first;
-}
-
 // Sums of one arc's width, as fine along z as the rows of a profile are. nullopt: no finer than those there are.
-std::optional<GridSpecification> revolution_grid(const MomentGrid& sums, const FirstLook& first,
+std::optional<GridSpecification> revolution_grid(const MomentGrid& sums, const FirstLook& look,
                                                  const RangeFitOptions& options) {
   GridSpecification grid = sums.specification();
-  const double rows = std::isfinite(first.profiles) ? static_cast<double>(first.points) / first.profiles
-                                                    : std::sqrt(static_cast<double>(first.points));
+  const double points = static_cast<double>(look.points());
+  const double rows = std::isfinite(look.profiles()) ? points / look.profiles() : std::sqrt(points);
   const auto most = static_cast<unsigned>(std::min<double>(kMostAlongRevolution, rows / kRowsPerUnknown));
   grid.z_intervals = static_cast<int>(std::bit_floor(most));
   grid.intervals_per_arc = 1;
   if (options.z_intervals || grid.z_intervals <= sums.z_cells()) return std::nullopt;
   return grid;
+}
+
+// The robust reference varies around by no more than noise and form tolerance explain.
+bool may_be_revolution(const RobustReference& reference, const RangeFitOptions& options) {
+  if (options.model == SurfaceModel::revolution) return true;
+  const Eigen::MatrixXd& c = reference.function().coefficients();
+  const double spread = (c.rowwise().maxCoeff() - c.rowwise().minCoeff()).mean();
+  return spread <=
+         kRevolutionScales * reference.scale_mm() + 2 * options.form_tolerance_mm.value_or(options.systematic_mm);
 }
 
 // The knots of a revolution from its own sums, over the same band.
@@ -174,98 +154,6 @@ std::optional<LadderSearch::Choice> select_along(const MomentGrid& sums, const C
       std::clamp(static_cast<int>(std::ceil((band.z_end_mm - grid.z_start_mm) * scale)), first + 1, sums.z_cells());
   const FitLadder ladder(sums, {first, last}, options.degree_u, options.degree_v, options.continuity);
   return LadderSearch(sums, ladder, profiles).select(knots);
-}
-
-// Second pass: residuals of a function, their correlation, and where asked for new sums with weights.
-struct Weighing {
-  explicit Weighing(const NoiseCorrelation::Setting& setting) : correlation(setting) {}
-  double residual_square = 0, samples = 0;
-  NoiseCorrelation correlation;
-  std::optional<MomentGrid> sums;
-  std::optional<SectorExtents> extents;
-  std::optional<MomentGrid> revolution;
-};
-Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const FirstLook& first, const RangeFunction& function,
-               bool reject, bool reweight, const std::optional<GridSpecification>& revolution,
-               const NoiseCorrelation::Setting& setting) {
-  Weighing result(setting);
-  if (reweight) {
-    result.sums.emplace(sums.specification(), first.covariances ? WeightRule::covariance : WeightRule::unit);
-    result.extents.emplace(sums);
-  }
-  if (revolution) result.revolution.emplace(*revolution);
-  const double scale = first.robust.scale_mm(), low = function.base().z_start_mm, high = function.base().z_end_mm;
-  const CellPolynomials polynomials(function);
-  Residuals to_function;
-  std::vector<double> weight;
-  for (ResidualPass pass(profiles, sums.arcs()); const Profile* p = pass.next();) {
-    const std::size_t n = p->size();
-    const bool by_covariance = reweight && !p->covariance.empty();
-    pass.compare(polynomials, to_function, by_covariance);
-    auto& residual = to_function.residual;
-    weight.assign(n, 0.0);
-    for (std::size_t k = 0; k < n; ++k) {
-      if (pass.usable(k, low, high)) {
-        weight[k] = reject ? first.robust.verdict(pass.v()[k], p->z_mm[k], p->r_mm[k], residual[k]).weight : 1;
-        if (weight[k] > 0 && by_covariance) {
-          const double variance = residual_variance(p->covariance[k], to_function.r_theta[k], to_function.r_z[k]);
-          if (variance > 0) weight[k] *= scale * scale / variance;
-        }
-      }
-      if (weight[k] > 0) {
-        result.residual_square += residual[k] * residual[k];
-        ++result.samples;
-        if (reweight) result.extents->add(pass.v()[k], p->z_mm[k]);
-      } else {
-        residual[k] = std::numeric_limits<double>::quiet_NaN();
-      }
-    }
-    result.correlation.add(*p, pass.v().data(), residual.data());
-    if (reweight) result.sums->add(p->r_mm, p->theta_rad, p->z_mm, weight);
-    if (result.revolution) result.revolution->add(p->r_mm, p->theta_rad, p->z_mm, weight);
-  }
-  // Weights count samples: their mean is 1.
-  for (auto* weighted : {&result.sums, &result.revolution})
-    if (reweight && *weighted && (*weighted)->samples() > 0)
-      (*weighted)->scale(static_cast<double>((*weighted)->samples()) / (*weighted)->sum_weight());
-  return result;
-}
-
-// Third pass: what the surface misses by. `reject` judges by the robust reference, as the weights did.
-void measure(RangeFit& fit, const MomentGrid& sums, ProfileStream& profiles, const FirstLook& first, bool reject) {
-  RangeFitReport& report = fit.report;
-  ErrorHistogram along_ray, geometric;
-  const CellPolynomials polynomials(fit.function);
-  const auto reference = reject ? std::optional<CellPolynomials>(first.robust.function()) : std::nullopt;
-  const auto& grid = sums.specification();
-  const double low = fit.function.base().z_start_mm, high = fit.function.base().z_end_mm;
-  std::size_t cut = 0;
-  Residuals to_surface, to_reference;
-  for (ResidualPass pass(profiles, sums.arcs()); const Profile* p = pass.next();) {
-    const std::size_t n = p->size();
-    pass.compare(polynomials, to_surface, true);
-    if (reject) pass.compare(*reference, to_reference, false);
-    for (std::size_t k = 0; k < n; ++k) {
-      const double z = p->z_mm[k];
-      if (!pass.usable(k, grid.z_start_mm, grid.z_end_mm)) continue;
-      if (reject) {
-        const auto verdict = first.robust.verdict(pass.v()[k], z, p->r_mm[k], to_reference.residual[k]);
-        report.unfollowable += verdict.kind == RobustReference::Kind::unfollowable;
-        if (verdict.kind != RobustReference::Kind::good) continue;
-      }
-      if (z < low || z > high) {
-        ++cut;
-        continue;
-      }
-      const double residual = to_surface.residual[k], r_z = to_surface.r_z[k];
-      const double around = to_surface.r_theta[k] / to_surface.r[k];
-      along_ray.add(residual);
-      geometric.add(residual / std::sqrt(1 + r_z * r_z + around * around));
-    }
-  }
-  report.rejected = report.points - along_ray.count() - cut - report.unfollowable;
-  report.residual_mm = {along_ray.rms(), along_ray.quantile(0.95), along_ray.max()};
-  report.geometric_mm = {geometric.rms(), geometric.quantile(0.95), geometric.max()};
 }
 
 }  // namespace
@@ -309,50 +197,63 @@ tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFit
   return fit;
 }
 
-tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream& profiles,
-                                           const RangeFitOptions& options,
-                                           const std::function<void(const char* stage)>& stage) {
+tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const FirstLook& look, ProfileStream& profiles,
+                                               const RangeFitOptions& options,
+                                               const std::function<void(const char* stage)>& stage) {
   const auto enter = [&](const char* name) {
     if (stage) stage(name);
   };
   if (auto error = refuse(sums, options)) return tl::unexpected(*error);
-  RangeFit fit;
-  RangeFitReport& report = fit.report;
+  SurfaceFit result;
+  RangeFitReport& report = result.fit.report;
+  report.points = look.points();
 
   enter("looking for outliers");
-  const FirstLook first = look(sums, profiles, options);
-  report.points = first.points;
-  const bool reject = options.robust && first.fitted && first.robust.found_strangers();
-  const bool reweight = reject || (first.covariances && first.fitted);
-  auto domain = make_domain(sums, &first.extents, options, true, first.profiles);
+  auto reference =
+      std::make_shared<RobustReference>(sums, look, options.degree_u, options.degree_v, options.continuity);
+  const bool found = reference->fit(), reject = options.robust && found && reference->found_strangers();
+  const bool reweight = reject || (look.has_covariances() && found);
+  if (reject) result.judge = reference;
+  auto domain = make_domain(sums, &look.extents(), options, true, look.profiles());
   if (!domain) return tl::unexpected(domain.error());
 
-  // The noise is estimated where the fit predicts best, or from the robust reference where there are strangers.
+  // The noise is estimated where the fit predicts best; with weights, from the robust reference before them.
   enter(reweight ? "weighting the samples" : "estimating the noise");
-  auto candidate = (*domain)->search.best_for_white_noise();
-  const auto candidate_fit = solve_member((*domain)->ladder, candidate.levels, candidate.variation);
-  if (!candidate_fit) return tl::unexpected(FitError{kUndetermined});
-  const RangeFunction noise_function =
-      reweight ? first.robust.function() : range_function(*candidate_fit->equations, candidate_fit->free);
+  LadderSearch::Candidate candidate;
+  RangeFunction noise_function = reference->function();
+  double parameters = reference->unknowns(), around = reference->unknowns_around();
+  if (!reweight) {
+    candidate = (*domain)->search.best_for_white_noise();
+    const auto fit = solve_member((*domain)->ladder, candidate.levels, candidate.variation);
+    if (!fit) return tl::unexpected(FitError{kUndetermined});
+    noise_function = range_function(*fit->equations, fit->free);
+    parameters = fit->parameters;
+    around = fit->equations->matrix().count_v();
+  }
+  WeighingTask task{.function = noise_function,
+                    .judge = result.judge.get(),
+                    .scale_mm = reference->scale_mm(),
+                    .correlation = {.z_start_mm = noise_function.base().z_start_mm,
+                                    .z_end_mm = noise_function.base().z_end_mm,
+                                    .arcs = static_cast<double>(sums.arcs().count()),
+                                    .samples = sums.samples(),
+                                    .unknowns = static_cast<int>(parameters),
+                                    .unknowns_around = static_cast<int>(around)}};
+  if (reweight) task.new_sums = look.has_covariances() ? WeightRule::covariance : WeightRule::unit;
   // A revolution may want finer intervals along z than sums that are as fine around can have.
-  const bool refine = reweight || candidate.levels.u == 0;
-  const auto fine = refine ? revolution_grid(sums, first, options) : std::nullopt;
-  Weighing weighing = weigh(sums, profiles, first, noise_function, reject, reweight, fine,
-                            {.z_start_mm = noise_function.base().z_start_mm,
-                             .z_end_mm = noise_function.base().z_end_mm,
-                             .arcs = static_cast<double>(sums.arcs().count()),
-                             .samples = sums.samples(),
-                             .unknowns = static_cast<int>(candidate_fit->parameters),
-                             .unknowns_around = candidate_fit->equations->space().v.free_count()});
-  double parameters = candidate_fit->parameters, around = candidate_fit->equations->matrix().count_v(), lack_of_fit = 0;
+  if (reweight ? may_be_revolution(*reference, options) : candidate.levels.u == 0)
+    task.revolution = revolution_grid(sums, look, options);
+  Weighing weighing = weigh(sums, profiles, task);
+  double lack_of_fit = 0;
   if (reweight) {
     if (weighing.sums->samples() == 0)
       return tl::unexpected(
           FitError{"no samples belong to a common surface; check the input, or fit without robust weights"});
-    domain = make_domain(*weighing.sums, &*weighing.extents, options, true, first.profiles);
+    domain = make_domain(*weighing.sums, &*weighing.extents, options, true, look.profiles());
     if (!domain) return tl::unexpected(domain.error());
     candidate = (*domain)->search.best_for_white_noise();
     const auto& member = (*domain)->search.member(candidate.levels, candidate.variation);
+    if (!member.determined) return tl::unexpected(FitError{kUndetermined});
     const double samples = static_cast<double>(weighing.sums->samples());
     // The residuals were the robust reference's, which is coarser than the best member.
     lack_of_fit = 1 - member.residual_square / samples * weighing.samples / weighing.residual_square;
@@ -370,7 +271,7 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
   if (reject) noise.variance *= kCoefficientVariance / kWeightedVariance;
 
   enter("choosing the model and the knots");
-  const auto decision = decide_model(**domain, noise, options, reference_levels((*domain)->ladder, n, first.profiles));
+  const auto decision = decide_model(**domain, noise, options, reference_levels((*domain)->ladder, n, look.profiles()));
   if (!decision) return tl::unexpected(decision.error());
   LadderSearch::Options knots{.variation = variation_of(decision->model),
                               .noise_variance = noise.variance,
@@ -384,23 +285,35 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
     if (!fixed) return tl::unexpected(fixed.error());
     knots.fixed = *fixed;
   }
-  if (first.fitted) knots.percentile95 = [&](const RangeFunction& f) { return first.robust.percentile95(f); };
+  if (found) knots.percentile95 = [&](const RangeFunction& f) { return reference->percentile95(f); };
   auto choice = (*domain)->search.select(knots);
   if (choice && choice->fit.levels.u == 0 && decision->model == SurfaceModel::revolution && weighing.revolution)
-    choice = select_along(*weighing.revolution, (*domain)->band, options, first.profiles, knots);
+    choice = select_along(*weighing.revolution, (*domain)->band, options, look.profiles(), knots);
   if (!choice) return tl::unexpected(FitError{kUndetermined});
   report.model = decision->model;
   report.decided_by = decision->decided_by;
   report.stopped_by = choice->stopped_by;
   const CoveredBand& band = (*domain)->band;
+  RangeFit& fit = result.fit;
   fit.function = range_function(*choice->fit.equations, choice->fit.free).clipped(band.z_start_mm, band.z_end_mm);
   fit.surface = symbolic_product(fit.function);
-
-  enter("errors of the surface");
-  measure(fit, sums, profiles, first, reject);
   describe(fit, band, *(*domain)->sums);
-  warn(report, band);
-  return fit;
+  result.band = band;
+  result.grid_start_mm = sums.specification().z_start_mm;
+  result.grid_end_mm = sums.specification().z_end_mm;
+  return result;
+}
+
+tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream& profiles,
+                                           const RangeFitOptions& options,
+                                           const std::function<void(const char* stage)>& stage) {
+  FirstLook look(sums);
+  profiles.rewind();
+  while (const Profile* profile = profiles.next()) look.add(*profile);
+  auto surface = fit_surface(sums, look, profiles, options, stage);
+  if (!surface) return tl::unexpected(surface.error());
+  if (stage) stage("errors of the surface");
+  return measure_errors(std::move(*surface), profiles);
 }
 
 }  // namespace celadon

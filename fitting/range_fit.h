@@ -4,12 +4,15 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include <tl/expected.hpp>
 
+#include "fitting/coverage.h"
+#include "fitting/first_look.h"
 #include "fitting/moment_grid.h"
 #include "fitting/nurbs_surface.h"
 #include "fitting/profile.h"
@@ -59,6 +62,17 @@ struct RangeFit {
   RangeFitReport report;
 };
 
+class RobustReference;
+
+/// A fit before its errors are measured: function, surface and report but for `rejected`, `unfollowable`, the errors
+/// and the warnings.
+struct SurfaceFit {
+  RangeFit fit;
+  std::shared_ptr<const RobustReference> judge;  ///< which samples belong to the surface; null: all
+  CoveredBand band;
+  double grid_start_mm = 0, grid_end_mm = 0;  ///< samples outside were not looked at
+};
+
 /// Why no surface could be fitted: a value and a remedy in one sentence.
 struct FitError {
   std::string message;
@@ -67,9 +81,17 @@ struct FitError {
 /// The best grid for a stream: one pass for its band, then the finest dyadic ladder the samples carry.
 tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, const RangeFitOptions& options);
 
-/// Fit from finished sums; `profiles` is read at most three further times (robust weights, residuals, errors), never
-/// copied. Progress is reported by `stage` ("selecting", "robust pass 1", ...) if given.
+/// The surface, from sums and a first look over the same samples, which both may have been gathered while they came in;
+/// `profiles` is read once, never copied. Progress is reported by `stage` ("looking for outliers", ...) if given.
 /// Errors: no samples, fewer samples than unknowns, all points on the axis, a band without coverage.
+tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const FirstLook& look, ProfileStream& profiles,
+                                               const RangeFitOptions& options = {},
+                                               const std::function<void(const char* stage)>& stage = {});
+
+/// What the surface misses the samples by: reads `profiles` once more. It may run while the surface is put to use.
+RangeFit measure_errors(SurfaceFit surface, ProfileStream& profiles);
+
+/// A pass for the first look, then both of the above.
 tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream& profiles,
                                            const RangeFitOptions& options = {},
                                            const std::function<void(const char* stage)>& stage = {});

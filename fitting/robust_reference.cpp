@@ -69,8 +69,12 @@ double tukey(double x) {
 
 }  // namespace
 
-RobustReference::RobustReference(const MomentGrid& sums, int degree_u, int degree_v, JointContinuity continuity)
-    : specification_(sums.specification()), continuity_(continuity), cells_(sums), spreads_(cells_.size()) {
+RobustReference::RobustReference(const MomentGrid& sums, const FirstLook& look, int degree_u, int degree_v,
+                                 JointContinuity continuity)
+    : specification_(sums.specification()),
+      continuity_(continuity),
+      cells_(sums, look.samples()),
+      spreads_(cells_.size()) {
   specification_.degree_u = degree_u;
   specification_.degree_v = degree_v;
   specification_.z_intervals = power_of_two_below(cells_.along());
@@ -81,21 +85,21 @@ RobustReference::RobustReference(const MomentGrid& sums, int degree_u, int degre
 // leads to the body from afar; at last what lies near the function.
 bool RobustReference::solve(Weights weights) {
   MomentGrid grid(specification_);
-  std::vector<double> r, theta, z, w, fitted;
+  std::vector<double> r, v, z, w, fitted;
   for (std::size_t c = 0; c < cells_.size(); ++c)
     for (const Cluster& cluster : cells_[c].clusters) {
       if (!cluster.accepted) continue;
-      r.clear(), theta.clear(), z.clear(), w.clear();
+      r.clear(), v.clear(), z.clear(), w.clear();
       for (int k = cluster.first; k < cluster.first + cluster.count; ++k) {
         const CellPoint& p = cells_[c].points[static_cast<std::size_t>(k)];
         r.push_back(p.r_mm);
-        theta.push_back(p.theta_rad);
+        v.push_back(p.v);
         z.push_back(p.z_mm);
       }
       fitted.resize(r.size());
       double trim = 0;
       if (weights != Weights::about_cluster) {
-        function_.evaluate(theta.data(), z.data(), r.size(), fitted.data());
+        polynomials_->evaluate(v.data(), z.data(), r.size(), fitted.data());
       } else {
         for (std::size_t k = 0; k < r.size(); ++k) fitted[k] = std::abs(r[k] - cluster.median);
         trim = kTukey * kMad * median_of(fitted);
@@ -106,11 +110,11 @@ bool RobustReference::solve(Weights weights) {
         if (weights == Weights::about_cell) weight = tukey((r[k] - fitted[k] - spreads_[c].middle) / spreads_[c].width);
         if (weights == Weights::about_function) weight = tukey((r[k] - fitted[k]) / spreads_[c].limit);
         if (weight <= 0) continue;
-        r[kept] = r[k], theta[kept] = theta[k], z[kept] = z[k];
+        r[kept] = r[k], v[kept] = v[k], z[kept] = z[k];
         w.push_back(weight);
         ++kept;
       }
-      grid.add(std::span(r).first(kept), std::span(theta).first(kept), std::span(z).first(kept), w);
+      grid.add_synchronised(std::span(r).first(kept), std::span(v).first(kept), std::span(z).first(kept), w);
     }
   if (grid.samples() == 0) return false;
   CellBand band{grid.z_cells(), 0};
@@ -121,6 +125,9 @@ bool RobustReference::solve(Weights weights) {
   const auto fit = solve_member(ladder, {}, {}, kStiffWeight);
   if (!fit) return false;
   function_ = range_function(*fit->equations, fit->free);
+  polynomials_.emplace(function_);
+  unknowns_ = fit->parameters;
+  unknowns_around_ = fit->equations->matrix().count_v();
   return true;
 }
 
@@ -128,15 +135,15 @@ bool RobustReference::solve(Weights weights) {
 // reference cannot follow is no outlier) and the spread about it, at least the spread everywhere and half of the
 // neighbours'.
 void RobustReference::update_limits() {
-  std::vector<double> sizes, residuals, theta, z, fitted;
+  std::vector<double> sizes, residuals, v, z, fitted;
   for (std::size_t c = 0; c < cells_.size(); ++c) {
     SampleCell& cell = cells_[c];
     const std::size_t n = cell.points.size();
     spreads_[c] = {};
-    theta.clear(), z.clear(), residuals.clear();
-    for (const CellPoint& p : cell.points) theta.push_back(p.theta_rad), z.push_back(p.z_mm);
+    v.clear(), z.clear(), residuals.clear();
+    for (const CellPoint& p : cell.points) v.push_back(p.v), z.push_back(p.z_mm);
     fitted.resize(n);
-    function_.evaluate(theta.data(), z.data(), n, fitted.data());
+    polynomials_->evaluate(v.data(), z.data(), n, fitted.data());
     for (std::size_t k = 0; k < n; ++k) cell.points[k].key = cell.points[k].r_mm - fitted[k];
     for (const Cluster& cluster : cell.clusters)
       for (int k = cluster.first; cluster.accepted && k < cluster.first + cluster.count; ++k)

@@ -4,10 +4,12 @@
 
 #include <cstdint>
 #include <initializer_list>
+#include <optional>
 #include <vector>
 
+#include "fitting/cell_polynomials.h"
+#include "fitting/first_look.h"
 #include "fitting/moment_grid.h"
-#include "fitting/profile.h"
 #include "fitting/range_function.h"
 #include "fitting/range_space.h"
 #include "fitting/sample_cells.h"
@@ -17,17 +19,19 @@ namespace celadon {
 /// The factor of Tukey's biweight at which normal errors keep 95 % of their efficiency.
 inline constexpr double kTukey = 4.685;
 
-/// First pass: add() every profile; then fit(); then verdict() on each sample of later passes.
+/// Built and fit() after the first look; then verdict() on each sample of later passes.
 class RobustReference {
  public:
-  RobustReference(const MomentGrid& sums, int degree_u, int degree_v, JointContinuity continuity);
+  RobustReference(const MomentGrid& sums, const FirstLook& look, int degree_u, int degree_v,
+                  JointContinuity continuity);
 
-  /// v of the profile's samples; samples outside the grid's band, not finite or with r <= 0 are passed over.
-  void add(const Profile& profile, const double* v) { cells_.add(profile, v); }
   /// False: the sample determines no surface.
   bool fit();
 
   const RangeFunction& function() const { return function_; }
+  /// Of function(): all, and those of the functions that are constant along z.
+  double unknowns() const { return unknowns_; }
+  double unknowns_around() const { return unknowns_around_; }
   /// Robust standard deviation of the residuals, mm.
   double scale_mm() const { return scale_; }
   /// Some samples of the reservoir do not belong to the surface: weights are needed.
@@ -62,7 +66,8 @@ class RobustReference {
   SampleCells cells_;
   std::vector<Spread> spreads_;
   RangeFunction function_;
-  double scale_ = 0;
+  std::optional<CellPolynomials> polynomials_;  // of the function
+  double scale_ = 0, unknowns_ = 0, unknowns_around_ = 0;
   bool strangers_ = false;
 };
 

@@ -16,7 +16,7 @@ const Cluster* SampleCell::accepted() const {
   return nullptr;
 }
 
-SampleCells::SampleCells(const MomentGrid& sums)
+SampleCells::SampleCells(const MomentGrid& sums, const std::vector<SamplePoint>& samples)
     : z_start_(sums.specification().z_start_mm), z_end_(sums.specification().z_end_mm), arcs_(sums.arcs().count()) {
   const double weight = static_cast<double>(std::max<std::size_t>(sums.samples(), 1));
   const double r = sums.sum_weight() > 0 ? sums.sum_weighted_range() / sums.sum_weight() : 1;
@@ -31,6 +31,7 @@ SampleCells::SampleCells(const MomentGrid& sums)
   cells_z_ = std::clamp(static_cast<int>(cells / cells_v_ / used), 1, 1024);
   cell_height_ = (z_end_ - z_start_) / cells_z_;
   cells_.resize(static_cast<std::size_t>(cells_z_) * static_cast<std::size_t>(cells_v_));
+  for (const SamplePoint& sample : samples) keep(sample);
 }
 
 std::size_t SampleCells::index_of(double v, double z) const {
@@ -48,24 +49,20 @@ double SampleCells::diagonal_mm(double r) const {
 }
 
 // Each cell keeps an even sample of what falls into it, chosen by a fixed hash of the order of arrival.
-void SampleCells::add(const Profile& profile, const double* v) {
-  for (std::size_t k = 0; k < profile.size(); ++k) {
-    const double r = profile.r_mm[k], z = profile.z_mm[k];
-    if (!(r > 0 && std::isfinite(r) && v[k] >= 0 && z >= z_start_ && z <= z_end_)) continue;
-    const CellPoint p{r, v[k], z, profile.theta_rad[k], r};
-    SampleCell& cell = cells_[index_of(p.v, p.z_mm)];
-    ++cell.seen;
-    if (cell.points.size() < kPerCell) {
-      cell.points.push_back(p);
-      continue;
-    }
-    std::uint64_t hash = cell.seen * 0x9e3779b97f4a7c15u;
-    hash ^= hash >> 29;
-    hash *= 0xbf58476d1ce4e5b9u;
-    hash ^= hash >> 32;
-    const std::size_t slot = hash % cell.seen;
-    if (slot < kPerCell) cell.points[slot] = p;
+void SampleCells::keep(const SamplePoint& sample) {
+  const CellPoint p{sample, sample.r_mm};
+  SampleCell& cell = cells_[index_of(p.v, p.z_mm)];
+  ++cell.seen;
+  if (cell.points.size() < kPerCell) {
+    cell.points.push_back(p);
+    return;
   }
+  std::uint64_t hash = cell.seen * 0x9e3779b97f4a7c15u;
+  hash ^= hash >> 29;
+  hash *= 0xbf58476d1ce4e5b9u;
+  hash ^= hash >> 32;
+  const std::size_t slot = hash % cell.seen;
+  if (slot < kPerCell) cell.points[slot] = p;
 }
 
 }  // namespace celadon

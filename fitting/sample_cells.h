@@ -5,14 +5,13 @@
 #include <cstddef>
 #include <vector>
 
+#include "fitting/first_look.h"
 #include "fitting/moment_grid.h"
-#include "fitting/profile.h"
 
 namespace celadon {
 
-/// One kept sample. `key` orders the samples of a cell: their range, or later what a surface leaves of it.
-struct CellPoint {
-  double r_mm, v, z_mm, theta_rad;
+/// `key` orders the samples of a cell: their range, or later what a surface leaves of it.
+struct CellPoint : SamplePoint {
   double key;
 };
 
@@ -29,7 +28,7 @@ struct Cluster {
 struct SampleCell {
   std::vector<CellPoint> points;  ///< those of the clusters in order, then strays
   std::size_t kept = 0;           ///< points that are no strays
-  std::size_t seen = 0;           ///< samples that fell into the cell
+  std::size_t seen = 0;           ///< samples that fell into the cell, kept or not
   std::vector<Cluster> clusters;
   const Cluster* accepted() const;  ///< the first accepted one; nullptr: none
 };
@@ -38,10 +37,8 @@ struct SampleCell {
 class SampleCells {
  public:
   static constexpr std::size_t kPerCell = 32;
-  explicit SampleCells(const MomentGrid& sums);
-
-  /// v of the profile's samples; samples outside the band, not finite or with r <= 0 are passed over.
-  void add(const Profile& profile, const double* v);
+  /// @pre the samples lie in the sums' band
+  SampleCells(const MomentGrid& sums, const std::vector<SamplePoint>& samples);
 
   int along() const { return cells_z_; }
   int around() const { return cells_v_; }
@@ -73,6 +70,7 @@ class SampleCells {
   double arcs() const { return arcs_; }
 
  private:
+  void keep(const SamplePoint& sample);
   double z_start_, z_end_, arcs_, cell_height_ = 1;
   int cells_z_ = 1, cells_v_ = 1;
   std::vector<SampleCell> cells_;

@@ -1,0 +1,52 @@
+#pragma once
+// An even sample of a stream of unknown length, in bounded memory.
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <utility>
+#include <vector>
+
+namespace celadon {
+
+/// Keeps values whose number has a hash below a bound that halves when there are too many: between half of the capacity
+/// and all of it, or everything while it fits. (Every 2^k-th value would be the same rows of every profile.)
+template <class Value>
+class EvenSample {
+ public:
+  explicit EvenSample(std::size_t capacity) : capacity_(capacity) {}
+
+  /// `make()` gives the next value of the stream; it is asked only if that is kept.
+  template <class Make>
+  void add(const Make& make) {
+    std::uint64_t hash = ++seen_ * 0x9e3779b97f4a7c15u;
+    hash ^= hash >> 29;
+    hash *= 0xbf58476d1ce4e5b9u;
+    hash ^= hash >> 32;
+    if (hash > bound_) return;
+    hashes_.push_back(hash);
+    values_.push_back(make());
+    while (values_.size() > capacity_) halve();
+  }
+  /// In the order of the stream.
+  const std::vector<Value>& values() const { return values_; }
+
+ private:
+  void halve() {
+    bound_ /= 2;
+    std::size_t kept = 0;
+    for (std::size_t k = 0; k < values_.size(); ++k) {
+      if (hashes_[k] > bound_) continue;
+      hashes_[kept] = hashes_[k];
+      values_[kept++] = std::move(values_[k]);
+    }
+    hashes_.resize(kept);
+    values_.resize(kept);
+  }
+  std::size_t capacity_;
+  std::vector<Value> values_;
+  std::vector<std::uint64_t> hashes_;
+  std::uint64_t seen_ = 0, bound_ = std::numeric_limits<std::uint64_t>::max();
+};
+
+}  // namespace celadon

@@ -1,0 +1,27 @@
+#include "fitting/first_look.h"
+
+#include <cmath>
+#include <limits>
+
+namespace celadon {
+
+FirstLook::FirstLook(const MomentGrid& sums)
+    : specification_(sums.specification()), arcs_(sums.arcs()), extents_(sums) {}
+
+void FirstLook::add(const Profile& profile) {
+  const std::size_t n = profile.size();
+  points_ += n;
+  profiles_ += profile.order == ProfileOrder::rows ? 1 : std::numeric_limits<double>::infinity();
+  covariances_ = covariances_ || !profile.covariance.empty();
+  v_.resize(n);
+  arcs_.synchronise(profile.theta_rad.data(), n, v_.data());
+  for (std::size_t k = 0; k < n; ++k) {
+    const double r = profile.r_mm[k], theta = profile.theta_rad[k], z = profile.z_mm[k];
+    if (!(r > 0 && std::isfinite(r) && std::isfinite(theta))) continue;
+    if (!(z >= specification_.z_start_mm && z <= specification_.z_end_mm)) continue;
+    samples_.add([&] { return SamplePoint{r, theta, v_[k], z}; });
+    extents_.add(v_[k], z);
+  }
+}
+
+}  // namespace celadon

@@ -1,0 +1,47 @@
+#pragma once
+// What a fit has to know of the samples before it can judge one of them; gathered while they come in.
+// Source: README.md, "Passes".
+
+#include <cstddef>
+#include <vector>
+
+#include "fitting/coverage.h"
+#include "fitting/even_sample.h"
+#include "fitting/moment_grid.h"
+#include "fitting/profile.h"
+
+namespace celadon {
+
+/// One kept sample of the stream.
+struct SamplePoint {
+  double r_mm, theta_rad, v, z_mm;
+};
+
+/// An even sample of the samples inside a band, how far they reach in every sector, and how many there are.
+class FirstLook {
+ public:
+  /// Over the band of these sums, which need not hold samples yet.
+  explicit FirstLook(const MomentGrid& sums);
+
+  void add(const Profile& profile);
+
+  const GridSpecification& specification() const { return specification_; }
+  const std::vector<SamplePoint>& samples() const { return samples_.values(); }
+  const SectorExtents& extents() const { return extents_; }
+  std::size_t points() const { return points_; }         ///< all, usable or not
+  double profiles() const { return profiles_; }          ///< lines of rows; infinite where points are scattered
+  bool has_covariances() const { return covariances_; }  ///< some profile did
+
+ private:
+  static constexpr std::size_t kSamples = 1 << 18;
+  GridSpecification specification_;
+  BaseArcs arcs_;
+  EvenSample<SamplePoint> samples_{kSamples};
+  SectorExtents extents_;
+  std::size_t points_ = 0;
+  double profiles_ = 0;
+  bool covariances_ = false;
+  std::vector<double> v_;
+};
+
+}  // namespace celadon

@@ -1,0 +1,38 @@
+#pragma once
+// Second pass: residuals to a first function, their correlation, and where asked for new sums with weights.
+// Source: README.md, "Weights" and "Passes".
+
+#include <optional>
+
+#include "fitting/coverage.h"
+#include "fitting/moment_grid.h"
+#include "fitting/noise_correlation.h"
+#include "fitting/profile.h"
+#include "fitting/range_function.h"
+#include "fitting/robust_reference.h"
+
+namespace celadon {
+
+/// What is asked of the pass.
+struct WeighingTask {
+  const RangeFunction& function;         ///< residuals are to it
+  const RobustReference* judge;          ///< whose verdicts weigh the samples; nullptr: all count alike
+  std::optional<WeightRule> new_sums{};  ///< sums with these weights are wanted
+  double scale_mm = 0;                   ///< standard deviation of a sample of weight 1, for WeightRule::covariance
+  std::optional<GridSpecification> revolution{};  ///< and sums for a revolution alone over this grid
+  NoiseCorrelation::Setting correlation;
+};
+
+struct Weighing {
+  explicit Weighing(const NoiseCorrelation::Setting& setting) : correlation(setting) {}
+  double residual_square = 0, samples = 0;  ///< of the samples with weight
+  NoiseCorrelation correlation;
+  std::optional<MomentGrid> sums;  ///< weights with the mean 1
+  std::optional<SectorExtents> extents;
+  std::optional<MomentGrid> revolution;
+};
+
+/// `sums`: those of the first pass, whose grid the new ones share.
+Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const WeighingTask& task);
+
+}  // namespace celadon
