@@ -119,9 +119,9 @@ std::optional<ResultFormat> result_format_of(const std::filesystem::path& file) 
   return std::nullopt;
 }
 
-tl::expected<void, ResultError> write_result(const RangeFit& fit, ResultFormat format,
-                                             const std::filesystem::path& file, ResultNotes& notes,
-                                             const ResultOptions& options) {
+tl::expected<void, ResultError> write_surface(const FittedSurface& fitted, ResultFormat format,
+                                              const std::filesystem::path& file, ResultNotes& notes,
+                                              const ResultOptions& options) {
   switch (format) {
     case ResultFormat::step: {
       CadOptions cad;
@@ -129,30 +129,35 @@ tl::expected<void, ResultError> write_result(const RangeFit& fit, ResultFormat f
       cad.name = notes.name;
       cad.simulated = notes.simulated;
       cad.date = notes.date;
-      auto solid = write_step(fit.surface, file, cad);
+      auto solid = options.cad != nullptr ? options.cad->write_step(fitted.surface, file, cad)
+                                          : write_step(fitted.surface, file, cad);
       if (!solid) return tl::make_unexpected(ResultError{4, solid.error()});
       notes.solid = *solid;
       return {};
     }
     case ResultFormat::stl:
     case ResultFormat::ply: {
-      const double chord = options.chord_mm > 0 ? options.chord_mm : 1e-4 * size_of(fit.function).maxCoeff();
-      const TriangleMesh mesh = mesh_of(fit.function, chord);
+      const double chord = options.chord_mm > 0 ? options.chord_mm : 1e-4 * size_of(fitted.function).maxCoeff();
+      const TriangleMesh mesh = mesh_of(fitted.function, chord);
       const std::string header = mesh_header(notes, chord);
       return put(file, format == ResultFormat::stl ? binary_stl(mesh, header) : binary_ply(mesh, header));
     }
     case ResultFormat::surface_json:
-      return put(file, format_surface_json({fit.function, fit.surface, notes.name, notes.date, notes.simulated}));
     case ResultFormat::report_json:
       break;
   }
+  return put(file, format_surface_json({fitted.function, fitted.surface, notes.name, notes.date, notes.simulated}));
+}
+
+tl::expected<void, ResultError> write_report(const RangeFit& fit, const std::filesystem::path& file,
+                                             const ResultNotes& notes) {
   return put(file, format_report(fit, notes));
 }
 
-tl::expected<std::vector<std::string>, ResultError> write_results(const RangeFit& fit,
-                                                                  const std::vector<ResultFormat>& formats,
-                                                                  const std::filesystem::path& folder,
-                                                                  ResultNotes& notes, const ResultOptions& options) {
+tl::expected<std::vector<std::string>, ResultError> write_results(
+    const FittedSurface& fitted, const std::function<tl::expected<RangeFit, ResultError>()>& measured,
+    const std::vector<ResultFormat>& formats, const std::filesystem::path& folder, ResultNotes& notes,
+    const ResultOptions& options) {
   std::error_code code;
   if (std::filesystem::exists(folder, code)) {
     return tl::make_unexpected(
@@ -167,19 +172,24 @@ tl::expected<std::vector<std::string>, ResultError> write_results(const RangeFit
 
   std::vector<std::string> names;
   auto start = std::chrono::steady_clock::now();
-  for (const ResultFormat format :
-       kFormats) {  // in this order: the CAD file is what is waited for, the report tells of all
-    const bool wanted = std::find(formats.begin(), formats.end(), format) != formats.end();
-    if (!wanted && format != ResultFormat::report_json) continue;
-    if (format == ResultFormat::report_json) notes.seconds.push_back({"files", seconds_since(start)});
+  for (const ResultFormat format : kFormats) {  // in this order: the CAD file is what is waited for
+    if (format == ResultFormat::report_json || std::find(formats.begin(), formats.end(), format) == formats.end())
+      continue;
     names.push_back(file_name(format, notes.name));
-    if (auto written = write_result(fit, format, staging / names.back(), notes, options); !written) {
+    if (auto written = write_surface(fitted, format, staging / names.back(), notes, options); !written) {
       return tl::make_unexpected(written.error());
     }
     if (format == ResultFormat::step) {
       notes.seconds.push_back({"step", seconds_since(start)});
       start = std::chrono::steady_clock::now();
     }
+  }
+  auto fit = measured();
+  if (!fit) return tl::make_unexpected(fit.error());
+  notes.seconds.push_back({"files", seconds_since(start)});
+  names.push_back(file_name(ResultFormat::report_json, notes.name));
+  if (auto written = write_report(*fit, staging / names.back(), notes); !written) {
+    return tl::make_unexpected(written.error());
   }
   if (const int failed = sync_folder(staging); failed != 0) return system_error("Syncing", staging, failed);
   if (::rename(staging.c_str(), folder.c_str()) != 0) return system_error("Naming the result folder", folder, errno);

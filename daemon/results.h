@@ -2,6 +2,7 @@
 // The files of a finished fit under their final names. Folder and files: RESULTS.md.
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -9,6 +10,7 @@
 
 #include <tl/expected.hpp>
 
+#include "daemon/export/cad_client.h"
 #include "daemon/report.h"
 #include "fitting/range_fit.h"
 
@@ -23,8 +25,9 @@ std::optional<ResultFormat> result_format_from(std::string_view text);
 std::optional<ResultFormat> result_format_of(const std::filesystem::path& file);
 
 struct ResultOptions {
-  bool ap214 = false;   ///< STEP AP242 otherwise
-  double chord_mm = 0;  ///< of the meshes; 0: 1e-4 of the largest extent
+  bool ap214 = false;        ///< STEP AP242 otherwise
+  double chord_mm = 0;       ///< of the meshes; 0: 1e-4 of the largest extent
+  CadWorker* cad = nullptr;  ///< started ahead; nullptr: one is started for the file
 };
 
 /// One sentence with file, cause and remedy; exit code 2 for a name that cannot be used, 4 otherwise.
@@ -33,17 +36,25 @@ struct ResultError {
   std::string message;
 };
 
-/// Writes one file of a fit: beside, synced, renamed. A STEP file sets notes.solid.
-tl::expected<void, ResultError> write_result(const RangeFit& fit, ResultFormat format,
-                                             const std::filesystem::path& file, ResultNotes& notes,
-                                             const ResultOptions& options = {});
+/// A fit as it is put into files; its errors may still be measured while the first of them are written.
+struct FittedSurface {
+  const RangeFunction& function;
+  const NurbsSurface& surface;
+};
+
+/// Writes one file other than the report: beside, synced, renamed. A STEP file sets notes.solid.
+tl::expected<void, ResultError> write_surface(const FittedSurface& fitted, ResultFormat format,
+                                              const std::filesystem::path& file, ResultNotes& notes,
+                                              const ResultOptions& options = {});
+tl::expected<void, ResultError> write_report(const RangeFit& fit, const std::filesystem::path& file,
+                                             const ResultNotes& notes);
 
 /// Writes the files of `formats` (STEP first) and report.json into `folder`, which must not exist and appears whole or
-/// not at all. Stages "step" and "files" are added to notes.seconds. @returns the names in `folder`
-tl::expected<std::vector<std::string>, ResultError> write_results(const RangeFit& fit,
-                                                                  const std::vector<ResultFormat>& formats,
-                                                                  const std::filesystem::path& folder,
-                                                                  ResultNotes& notes,
-                                                                  const ResultOptions& options = {});
+/// not at all. `measured` gives the whole fit; it is asked for when the STEP file is there. Stages "step" and "files"
+/// are added to notes.seconds. @returns the names in `folder`
+tl::expected<std::vector<std::string>, ResultError> write_results(
+    const FittedSurface& fitted, const std::function<tl::expected<RangeFit, ResultError>()>& measured,
+    const std::vector<ResultFormat>& formats, const std::filesystem::path& folder, ResultNotes& notes,
+    const ResultOptions& options = {});
 
 }  // namespace celadon

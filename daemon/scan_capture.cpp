@@ -77,6 +77,7 @@ class Intake {
     } else {
       closure_.first(turned_rad, profile_);
       tools_.sums.add(profile_.r_mm, profile_.theta_rad, profile_.z_mm);
+      tools_.look.add(profile_);
       running_fit_.offer(tools_.sums);
     }
     if (auto logged = tools_.log.append(profile_, overlap); !logged) {

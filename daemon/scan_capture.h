@@ -27,6 +27,7 @@ struct CaptureTools {
   const ScanPreparation& preparation;
   ProfileLogWriter& log;
   MomentGrid& sums;
+  FirstLook& look;
   ScanObserver& observer;
 };
 

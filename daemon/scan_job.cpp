@@ -6,8 +6,11 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <functional>
+#include <future>
 
 #include "acquisition/recording.h"
+#include "daemon/export/cad_client.h"
 #include "daemon/frame_feed.h"
 #include "daemon/profile_log.h"
 #include "daemon/read_ahead.h"
@@ -177,26 +180,39 @@ tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEqu
   return std::move(*log);
 }
 
-/// From the sums and the log to the surface.
-tl::expected<RangeFit, ScanStop> solve(const ScanTask& task, const Calibration& calibration, MomentGrid& sums) {
-  auto log = ProfileLogReader::open(task.log_file);
-  if (!log) return failed(log.error().message);
+/// From the sums and the first look to the surface, with one pass over the log.
+tl::expected<SurfaceFit, ScanStop> solve(const ScanTask& task, const Calibration& calibration, ProfileLogReader& log,
+                                         MomentGrid& sums, FirstLook& look) {
   const RangeFitOptions options = fit_options(task.request, calibration);
   const auto all = static_cast<double>(sums.samples() + sums.rejected());
   if (static_cast<double>(sums.rejected()) > kMostOffBand * all) {
-    auto grid = choose_grid(**log, options);
+    auto grid = choose_grid(log, options);
     if (!grid) return failed(grid.error().message, ScanFailure::data);
     sums = MomentGrid(*grid);
-    (*log)->rewind();
-    while (const Profile* p = (*log)->next()) sums.add(p->r_mm, p->theta_rad, p->z_mm);
+    look = FirstLook(sums);
+    log.rewind();
+    while (const Profile* p = log.next()) {
+      sums.add(p->r_mm, p->theta_rad, p->z_mm);
+      look.add(*p);
+    }
   }
   auto fit = [&] {
-    ReadAhead profiles(**log);  // joined before the log is asked for its errors
-    return fit_range(sums, profiles, options);
+    ReadAhead profiles(log);  // joined before the log is asked for its errors
+    return fit_surface(sums, look, profiles, options);
   }();
-  if (!(*log)->error().empty()) return failed((*log)->error());
+  if (!log.error().empty()) return failed(log.error());
   if (!fit) return failed("No surface was found: " + fit.error().message, ScanFailure::data);
   return std::move(*fit);
+}
+
+/// Another pass over the log.
+tl::expected<RangeFit, ResultError> measure(SurfaceFit surface, ProfileLogReader& log) {
+  RangeFit fit = [&] {
+    ReadAhead profiles(log);
+    return measure_errors(std::move(surface), profiles);
+  }();
+  if (!log.error().empty()) return tl::make_unexpected(ResultError{4, log.error()});
+  return fit;
 }
 
 std::vector<ResultFormat> formats_of(const ScanRequest& request) {
@@ -272,11 +288,17 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   if (!log) return tl::make_unexpected(log.error());
   (*feed)->record_in(**log);
   MomentGrid sums(grid_for(task.request, *seen, equipment.volume));
+  FirstLook look(sums);
   clock.end("prepare");
 
-  // Move, frame, line, profile, log, accumulate.
+  // Move, frame, line, profile, log, accumulate. The CAD helper starts meanwhile.
   observer.on_state(ScanState::scanning);
-  const CaptureTools tools{equipment, task.request, **feed, extractor, triangulator, *seen, **log, sums, observer};
+  const std::vector<ResultFormat> formats = formats_of(task.request);
+  auto cad = std::find(formats.begin(), formats.end(), ResultFormat::step) != formats.end()
+                 ? CadWorker::start()
+                 : tl::make_unexpected(std::string());
+  const CaptureTools tools{equipment, task.request, **feed, extractor, triangulator,
+                           *seen,     **log,        sums,   look,      observer};
   auto captured = recorded != nullptr                    ? replay(tools)
                   : task.request.mode == ScanMode::sweep ? sweep(tools)
                                                          : step_around(tools);
@@ -302,21 +324,33 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
 
   // Solve, down to the exact NURBS surface.
   observer.on_state(ScanState::solving);
-  auto solved = solve(task, equipment.calibration, sums);
+  auto samples = ProfileLogReader::open(task.log_file);
+  if (!samples) return failed(samples.error().message);
+  auto solved = solve(task, equipment.calibration, **samples, sums, look);
   if (!solved) return tl::make_unexpected(solved.error());
   clock.end("solve");
   if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
 
-  // Files and report.
+  // Files and report; the errors are measured while the CAD file is written.
   observer.on_state(ScanState::exporting);
-  if (auto warning = closure_warning(notes.closure_mm, solved->report.noise_mm)) notes.warnings.push_back(*warning);
-  notes.truth_mm = truth_error(solved->function, truth);
-  auto files = write_results(*solved, formats_of(task.request), task.results_folder, notes);
+  const RangeFunction function = solved->fit.function;
+  const NurbsSurface surface = solved->fit.surface;
+  if (auto warning = closure_warning(notes.closure_mm, solved->fit.report.noise_mm)) notes.warnings.push_back(*warning);
+  notes.truth_mm = truth_error(function, truth);
+  auto measuring = std::async(std::launch::async, measure, std::move(*solved), std::ref(**samples));
+  std::vector<std::string> warnings;
+  const auto measured = [&] {
+    auto fit = measuring.get();
+    if (fit) warnings = fit->report.warnings;
+    return fit;
+  };
+  auto files =
+      write_results({function, surface}, measured, formats, task.results_folder, notes, {.cad = cad ? &*cad : nullptr});
   if (!files) return failed(files.error().message);
 
   ScanOutcome outcome;
   outcome.files = std::move(*files);
-  outcome.warnings = solved->report.warnings;
+  outcome.warnings = std::move(warnings);
   outcome.warnings.insert(outcome.warnings.end(), notes.warnings.begin(), notes.warnings.end());
   if (auto synced = (*log)->wait_synced(); !synced) outcome.warnings.push_back(synced.error().message);
   if (notes.solid) outcome.last_frame_to_step_s = seconds_of(notes, {"make_safe", "solve", "step"});

@@ -65,10 +65,13 @@ RangeFitOptions fit_options(const FitArguments& arguments) {
   return options;
 }
 
-// One pass over the file into the sums.
-void accumulate(ProfileStream& samples, MomentGrid& sums) {
+// One pass over the file.
+void accumulate(ProfileStream& samples, MomentGrid& sums, FirstLook& look) {
   samples.rewind();
-  while (const Profile* profile = samples.next()) sums.add(profile->r_mm, profile->theta_rad, profile->z_mm);
+  while (const Profile* profile = samples.next()) {
+    sums.add(profile->r_mm, profile->theta_rad, profile->z_mm);
+    look.add(*profile);
+  }
 }
 
 int fit(const FitArguments& arguments) {
@@ -112,10 +115,12 @@ int fit(const FitArguments& arguments) {
   if (!grid) return fail(2, "'" + arguments.input + "': " + grid.error().message);
   notes.seconds.push_back({"read", watch.lap()});
   MomentGrid sums(*grid);
-  accumulate(**samples, sums);
+  FirstLook look(sums);
+  accumulate(**samples, sums, look);
   notes.seconds.push_back({"accumulate", watch.lap()});
-  const auto fitted = fit_range(sums, **samples, options);
-  if (!fitted) return fail(2, "'" + arguments.input + "': " + fitted.error().message);
+  auto surface = fit_surface(sums, look, **samples, options);
+  if (!surface) return fail(2, "'" + arguments.input + "': " + surface.error().message);
+  const RangeFit fitted = measure_errors(std::move(*surface), **samples);
   notes.seconds.push_back({"fit", watch.lap()});
 
   notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
@@ -128,11 +133,13 @@ int fit(const FitArguments& arguments) {
   files.ap214 = arguments.ap214;
   files.chord_mm = arguments.chord_mm;
   for (const auto& [format, file] : outputs) {
-    const auto written = write_result(*fitted, format, file, notes, files);
+    const auto written = format == ResultFormat::report_json
+                             ? write_report(fitted, file, notes)
+                             : write_surface({fitted.function, fitted.surface}, format, file, notes, files);
     if (!written) return fail(written.error().exit_code, written.error().message);
     notes.seconds.push_back({to_string(format), watch.lap()});
   }
-  const auto report = report_json(*fitted, notes);
+  const auto report = report_json(fitted, notes);
   if (arguments.json) {
     std::printf("%s\n", report.dump().c_str());
   } else {

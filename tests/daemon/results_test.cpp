@@ -205,11 +205,17 @@ TEST(Results, FormatsFollowFromNames) {
   }
 }
 
+auto write_all(const RangeFit& fit, const std::vector<ResultFormat>& formats, const std::filesystem::path& folder,
+               ResultNotes& notes) {
+  return write_results(
+      {fit.function, fit.surface}, [&] { return fit; }, formats, folder, notes);
+}
+
 TEST(Results, TheFolderHoldsWhatWasAskedForAndTheReport) {
   const TemporaryFolder folder;
   ResultNotes notes;
   notes.name = "vase";
-  const auto names = write_results(sample_fit(), {ResultFormat::ply, ResultFormat::stl}, folder / "results", notes);
+  const auto names = write_all(sample_fit(), {ResultFormat::ply, ResultFormat::stl}, folder / "results", notes);
   ASSERT_TRUE(names) << names.error().message;
   EXPECT_EQ(*names, (std::vector<std::string>{"vase.stl", "vase.ply", "report.json"}));
   std::set<std::string> found;
@@ -219,9 +225,29 @@ TEST(Results, TheFolderHoldsWhatWasAskedForAndTheReport) {
   EXPECT_EQ(found, (std::set<std::string>{"vase.stl", "vase.ply", "report.json"}));
   EXPECT_EQ(read_file(folder / "results/vase.ply").substr(0, 3), "ply");
   EXPECT_FALSE(std::filesystem::exists(folder / "results.part"));
-  const auto again = write_results(sample_fit(), {}, folder / "results", notes);
+  const auto again = write_all(sample_fit(), {}, folder / "results", notes);
   ASSERT_FALSE(again);
   EXPECT_EQ(again.error().exit_code, 2);
+}
+
+// The errors are asked for after the STEP file and before the report; without them there is no folder.
+TEST(Results, ErrorsThatCannotBeMeasuredLeaveNothing) {
+  const TemporaryFolder folder;
+  ResultNotes notes;
+  const RangeFit fit = sample_fit();
+  bool mesh_was_there = false;
+  const auto names = write_results(
+      {fit.function, fit.surface},
+      [&]() -> tl::expected<RangeFit, ResultError> {
+        mesh_was_there = std::filesystem::exists(folder / "results.part/object.stl");
+        return tl::make_unexpected(ResultError{4, "the log cannot be read"});
+      },
+      {ResultFormat::stl}, folder / "results", notes);
+  ASSERT_FALSE(names);
+  EXPECT_TRUE(mesh_was_there);
+  EXPECT_EQ(names.error().message, "the log cannot be read");
+  EXPECT_FALSE(std::filesystem::exists(folder / "results"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "results.part"));
 }
 
 TEST(Results, AFullDiskLeavesNothingUnderTheFinalName) {
@@ -234,7 +260,7 @@ TEST(Results, AFullDiskLeavesNothingUnderTheFinalName) {
     setrlimit(RLIMIT_FSIZE, &limit);
     ResultNotes notes;
     const auto names =
-        write_results(sample_fit(), {ResultFormat::surface_json, ResultFormat::stl}, folder / "results", notes);
+        write_all(sample_fit(), {ResultFormat::surface_json, ResultFormat::stl}, folder / "results", notes);
     _exit(!names && names.error().exit_code == 4 && names.error().message.find("object.stl") != std::string::npos ? 0
                                                                                                                   : 1);
   }
@@ -258,8 +284,8 @@ TEST(Results, AKilledWriterLeavesTheFolderWholeOrAbsent) {
       ResultNotes notes;
       const RangeFit fit = sample_fit();
       [[maybe_unused]] const auto told = write(ready[1], "x", 1);
-      (void)write_results(fit, {ResultFormat::surface_json, ResultFormat::stl, ResultFormat::ply}, folder / "results",
-                          notes);
+      (void)write_all(fit, {ResultFormat::surface_json, ResultFormat::stl, ResultFormat::ply}, folder / "results",
+                      notes);
       _exit(0);
     }
     char byte = 0;
