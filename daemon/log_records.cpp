@@ -196,7 +196,13 @@ tl::expected<std::unique_ptr<RecordReader>, LogError> RecordReader::open(const s
 }
 
 RecordReader::RecordReader(std::filesystem::path file, int fd, std::uint64_t size)
-    : file_(std::move(file)), fd_(fd), size_(size), buffer_(kReadAhead / 8) {
+    : file_(std::move(file)), fd_(fd), size_(size), begin_{kPreambleBytes, 0}, buffer_(kReadAhead / 8) {
+  rewind();
+}
+
+void RecordReader::confine(const RecordMark& begin, const RecordMark& end) {
+  begin_ = begin;
+  size_ = end.offset;
   rewind();
 }
 
@@ -205,8 +211,8 @@ RecordReader::~RecordReader() {
 }
 
 void RecordReader::rewind() {
-  offset_ = kPreambleBytes;
-  number_ = 0;
+  offset_ = begin_.offset;
+  number_ = begin_.number;
   torn_ = 0;
   error_.clear();
 }

@@ -21,6 +21,12 @@ struct LogError {
   std::string message;
 };
 
+/// Where a record begins.
+struct RecordMark {
+  std::uint64_t offset = 0;
+  std::uint32_t number = 0;
+};
+
 /// Appends records. One thread appends; data are synced by a thread of its own, so that a slow disk never holds up
 /// capture.
 class RecordWriter {
@@ -42,6 +48,8 @@ class RecordWriter {
   tl::expected<void, LogError> wait_synced() CELADON_EXCLUDES(mutex_);
   /// Bytes in the file.
   std::uint64_t bytes() const { return written_; }
+  /// Where the next record will begin.
+  RecordMark mark() const { return {written_ + buffer_.size(), number_}; }
 
  private:
   RecordWriter(std::filesystem::path file, int fd);
@@ -72,12 +80,14 @@ struct Record {
   std::span<const std::uint8_t> payload;  ///< 8-byte aligned
 };
 
-/// Reads records from the start, any number of times, in memory that does not grow with the file. Checksums are
+/// Reads records, any number of times, in memory that does not grow with the file. Checksums are
 /// computed on the first pass.
 class RecordReader {
  public:
   /// Reads what the file holds now; what is appended later is not seen.
   static tl::expected<std::unique_ptr<RecordReader>, LogError> open(const std::filesystem::path& file);
+  /// Only what lies from one mark to before another; both are records of this file.
+  void confine(const RecordMark& begin, const RecordMark& end);
   ~RecordReader();
   RecordReader(const RecordReader&) = delete;
   RecordReader& operator=(const RecordReader&) = delete;
@@ -99,7 +109,8 @@ class RecordReader {
 
   const std::filesystem::path file_;
   const int fd_;
-  const std::uint64_t size_;
+  std::uint64_t size_;  ///< end of what is read
+  RecordMark begin_;
   std::vector<std::uint64_t> buffer_;  // of words, for alignment
   std::uint64_t buffer_start_ = 0;
   std::size_t buffer_bytes_ = 0;

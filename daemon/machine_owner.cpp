@@ -205,8 +205,10 @@ void ScanQueue::run(std::uint64_t id) {
   const ScanState state = outcome ? ScanState::done : outcome.error().state;
   if (outcome) {
     for (const std::string& warning : outcome->warnings) spdlog::warn("scan {}: {}", id, warning);
-    spdlog::info("scan {}: done, {} files in {}, {:.0f} ms from the last frame to the STEP file", id,
-                 outcome->files.size(), task.results_folder.string(), outcome->last_frame_to_step_s * 1e3);
+    spdlog::info("scan {}: done, {} files in {}", id, outcome->files.size(), task.results_folder.string());
+    if (outcome->last_frame_to_step_s > 0) {
+      spdlog::info("scan {}: {:.0f} ms from the last frame to the STEP file", id, outcome->last_frame_to_step_s * 1e3);
+    }
   } else {
     spdlog::warn("scan {}: {}: {}", id, to_string(state), outcome.error().reason);
   }

@@ -21,6 +21,7 @@ enum RecordType : std::uint16_t {
 };
 
 constexpr std::uint32_t kHasCovariance = 1, kHasRow = 2;
+constexpr std::uint32_t kProfilesPerMark = 16;
 constexpr std::int64_t kSyncInterval_ns = 1'000'000'000;
 static_assert(sizeof(SampleCovariance) == 6 * sizeof(float));
 
@@ -217,6 +218,7 @@ tl::expected<void, LogError> ProfileLogWriter::append(const LogPose& pose) {
 
 tl::expected<void, LogError> ProfileLogWriter::append(const Profile& profile, bool overlap) {
   put_profile(payload_, profile);
+  if (!overlap && counts_.profiles % kProfilesPerMark == 0) marks_.push_back(records_->mark());
   records_->put(overlap ? kOverlapProfile : kProfile, payload_);
   if (auto written = records_->flush(); !written) return written;
   if (!overlap) {
@@ -258,6 +260,17 @@ tl::expected<void, LogError> ProfileLogWriter::finish(LogOutcome outcome, const 
   return written;
 }
 
+std::vector<RecordMark> ProfileLogWriter::divide(int parts) const {
+  std::vector<RecordMark> edges;
+  for (int k = 0; k < parts; ++k) {
+    edges.push_back(marks_.empty()
+                        ? records_->mark()
+                        : marks_[marks_.size() * static_cast<std::size_t>(k) / static_cast<std::size_t>(parts)]);
+  }
+  edges.push_back(records_->mark());
+  return edges;
+}
+
 // --- reader ---
 
 tl::expected<std::unique_ptr<ProfileLogReader>, LogError> ProfileLogReader::open(const std::filesystem::path& file) {
@@ -276,11 +289,17 @@ tl::expected<std::unique_ptr<ProfileLogReader>, LogError> ProfileLogReader::open
   return log;
 }
 
+tl::expected<std::unique_ptr<ProfileLogReader>, LogError> ProfileLogReader::open(const std::filesystem::path& file,
+                                                                                 const RecordMark& begin,
+                                                                                 const RecordMark& end) {
+  auto log = open(file);
+  if (log) (*log)->records_->confine(begin, end);
+  return log;
+}
+
 void ProfileLogReader::rewind() {
   records_->rewind();
   error_.clear();
-  Record header;
-  records_->next(header);
 }
 
 const std::string& ProfileLogReader::error() const {

@@ -88,6 +88,9 @@ class ProfileLogWriter {
   /// Waits until all is on the disk.
   tl::expected<void, LogError> wait_synced() { return records_->wait_synced(); }
 
+  /// Marks that divide the profiles so far into parts of about the same size: `parts` + 1 of them. @pre parts > 0
+  std::vector<RecordMark> divide(int parts) const;
+
   /// Counted so far; outcome and reason empty.
   const LogEnd& counts() const { return counts_; }
   std::uint64_t bytes() const { return records_->bytes(); }
@@ -96,6 +99,7 @@ class ProfileLogWriter {
   explicit ProfileLogWriter(std::unique_ptr<RecordWriter> records) : records_(std::move(records)) {}
   std::unique_ptr<RecordWriter> records_;
   std::vector<std::uint8_t> payload_;
+  std::vector<RecordMark> marks_;  ///< before every kProfilesPerMark-th profile
   LogEnd counts_;
   std::int64_t last_sync_ns_ = 0;
 };
@@ -104,6 +108,9 @@ class ProfileLogWriter {
 class ProfileLogReader final : public ProfileStream {
  public:
   static tl::expected<std::unique_ptr<ProfileLogReader>, LogError> open(const std::filesystem::path& file);
+  /// Only the profiles between two marks of the writer's.
+  static tl::expected<std::unique_ptr<ProfileLogReader>, LogError> open(const std::filesystem::path& file,
+                                                                        const RecordMark& begin, const RecordMark& end);
 
   const LogHeader& header() const { return header_; }
   void rewind() override;

@@ -13,10 +13,10 @@
 #include "daemon/export/cad_client.h"
 #include "daemon/frame_feed.h"
 #include "daemon/profile_log.h"
-#include "daemon/read_ahead.h"
 #include "daemon/results.h"
 #include "daemon/scan_capture.h"
 #include "daemon/scan_preparation.h"
+#include "daemon/thread_executor.h"
 #include "fitting/range_fit.h"
 
 namespace celadon {
@@ -180,38 +180,68 @@ tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEqu
   return std::move(*log);
 }
 
-/// From the sums and the first look to the surface, with one pass over the log.
-tl::expected<SurfaceFit, ScanStop> solve(const ScanTask& task, const Calibration& calibration, ProfileLogReader& log,
-                                         MomentGrid& sums, FirstLook& look) {
-  const RangeFitOptions options = fit_options(task.request, calibration);
-  const auto all = static_cast<double>(sums.samples() + sums.rejected());
-  if (static_cast<double>(sums.rejected()) > kMostOffBand * all) {
-    auto grid = choose_grid(log, options);
-    if (!grid) return failed(grid.error().message, ScanFailure::data);
-    sums = MomentGrid(*grid);
-    look = FirstLook(sums);
-    log.rewind();
-    while (const Profile* p = log.next()) {
-      sums.add(p->r_mm, p->theta_rad, p->z_mm);
-      look.add(*p);
+/// The log in parts that are read at the same time; always as many, so that results do not depend on the machine.
+class LogParts {
+ public:
+  static tl::expected<LogParts, ScanStop> open(const std::filesystem::path& file, const ProfileLogWriter& log) {
+    constexpr int kParts = 4;
+    const std::vector<RecordMark> edges = log.divide(kParts);
+    LogParts parts;
+    for (std::size_t k = 0; k + 1 < edges.size(); ++k) {
+      auto reader = ProfileLogReader::open(file, edges[k], edges[k + 1]);
+      if (!reader) return failed(reader.error().message);
+      parts.streams_.push_back(reader->get());
+      parts.readers_.push_back(std::move(*reader));
     }
+    return parts;
   }
-  auto fit = [&] {
-    ReadAhead profiles(log);  // joined before the log is asked for its errors
-    return fit_surface(sums, look, profiles, options);
-  }();
-  if (!log.error().empty()) return failed(log.error());
+  ProfileParts streams() const { return streams_; }
+  /// Of the first part that is damaged; empty: none is.
+  std::string error() const {
+    for (const auto& reader : readers_) {
+      if (!reader->error().empty()) return reader->error();
+    }
+    return {};
+  }
+
+ private:
+  std::vector<std::unique_ptr<ProfileLogReader>> readers_;
+  std::vector<ProfileStream*> streams_;
+};
+
+/// Fixes the band again where too many samples lie outside, from the log.
+tl::expected<void, ScanStop> widen_band(const std::filesystem::path& file, const RangeFitOptions& options,
+                                        MomentGrid& sums, FirstLook& look) {
+  const auto all = static_cast<double>(sums.samples() + sums.rejected());
+  if (static_cast<double>(sums.rejected()) <= kMostOffBand * all) return {};
+  auto log = ProfileLogReader::open(file);
+  if (!log) return failed(log.error().message);
+  auto grid = choose_grid(**log, options);
+  if (!grid) return failed(grid.error().message, ScanFailure::data);
+  sums = MomentGrid(*grid);
+  look = FirstLook(sums);
+  (*log)->rewind();
+  while (const Profile* p = (*log)->next()) {
+    sums.add(p->r_mm, p->theta_rad, p->z_mm);
+    look.add(*p);
+  }
+  if (!(*log)->error().empty()) return failed((*log)->error());
+  return {};
+}
+
+/// From the sums and the first look to the surface, with one pass over the log.
+tl::expected<SurfaceFit, ScanStop> solve(const MomentGrid& sums, const FirstLook& look, const LogParts& log,
+                                         const RangeFitOptions& options) {
+  auto fit = fit_surface(sums, look, log.streams(), options, run_on_all_cores);
+  if (const std::string error = log.error(); !error.empty()) return failed(error);
   if (!fit) return failed("No surface was found: " + fit.error().message, ScanFailure::data);
   return std::move(*fit);
 }
 
 /// Another pass over the log.
-tl::expected<RangeFit, ResultError> measure(SurfaceFit surface, ProfileLogReader& log) {
-  RangeFit fit = [&] {
-    ReadAhead profiles(log);
-    return measure_errors(std::move(surface), profiles);
-  }();
-  if (!log.error().empty()) return tl::make_unexpected(ResultError{4, log.error()});
+tl::expected<RangeFit, ResultError> measure(SurfaceFit surface, const LogParts& log) {
+  RangeFit fit = measure_errors(std::move(surface), log.streams(), run_on_all_cores);
+  if (const std::string error = log.error(); !error.empty()) return tl::make_unexpected(ResultError{4, error});
   return fit;
 }
 
@@ -324,9 +354,13 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
 
   // Solve, down to the exact NURBS surface.
   observer.on_state(ScanState::solving);
-  auto samples = ProfileLogReader::open(task.log_file);
-  if (!samples) return failed(samples.error().message);
-  auto solved = solve(task, equipment.calibration, **samples, sums, look);
+  const RangeFitOptions options = fit_options(task.request, equipment.calibration);
+  if (auto widened = widen_band(task.log_file, options, sums, look); !widened) {
+    return tl::make_unexpected(widened.error());
+  }
+  auto samples = LogParts::open(task.log_file, **log);
+  if (!samples) return tl::make_unexpected(samples.error());
+  auto solved = solve(sums, look, *samples, options);
   if (!solved) return tl::make_unexpected(solved.error());
   clock.end("solve");
   if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
@@ -337,7 +371,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   const NurbsSurface surface = solved->fit.surface;
   if (auto warning = closure_warning(notes.closure_mm, solved->fit.report.noise_mm)) notes.warnings.push_back(*warning);
   notes.truth_mm = truth_error(function, truth);
-  auto measuring = std::async(std::launch::async, measure, std::move(*solved), std::ref(**samples));
+  auto measuring = std::async(std::launch::async, measure, std::move(*solved), std::cref(*samples));
   std::vector<std::string> warnings;
   const auto measured = [&] {
     auto fit = measuring.get();

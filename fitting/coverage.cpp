@@ -34,6 +34,13 @@ void SectorExtents::add(double v, double z_mm) {
   highest_[at] = std::max(highest_[at], z_mm);
 }
 
+void SectorExtents::merge(const SectorExtents& other) {
+  for (std::size_t k = 0; k < lowest_.size(); ++k) {
+    lowest_[k] = std::min(lowest_[k], other.lowest_[k]);
+    highest_[k] = std::max(highest_[k], other.highest_[k]);
+  }
+}
+
 CoveredBand find_covered_band(const MomentGrid& sums, const SectorExtents* extents) {
   CoveredBand band;
   const int nz = sums.z_cells(), sectors = sector_count(sums), per_sector = sums.v_cells() / sectors;

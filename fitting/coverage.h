@@ -17,6 +17,8 @@ class SectorExtents {
   explicit SectorExtents(const MomentGrid& sums);
   /// v in [0, arcs), z inside the grid's band.
   void add(double v, double z_mm);
+  /// Those of both. @pre of the same sums
+  void merge(const SectorExtents& other);
   double lowest(int z_cell, int sector) const { return lowest_[index(z_cell, sector)]; }
   double highest(int z_cell, int sector) const { return highest_[index(z_cell, sector)]; }
 

@@ -21,6 +21,12 @@ class ErrorHistogram {
     ++count_;
     ++bins_[bin_of(std::min(size, kHigh))];
   }
+  void merge(const ErrorHistogram& other) {
+    square_ += other.square_;
+    largest_ = std::max(largest_, other.largest_);
+    count_ += other.count_;
+    for (std::size_t k = 0; k < bins_.size(); ++k) bins_[k] += other.bins_[k];
+  }
   std::size_t count() const { return count_; }
   double rms() const { return count_ ? std::sqrt(square_ / static_cast<double>(count_)) : 0; }
   double max() const { return largest_; }

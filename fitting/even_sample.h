@@ -23,8 +23,9 @@ class EvenSample {
     hash ^= hash >> 29;
     hash *= 0xbf58476d1ce4e5b9u;
     hash ^= hash >> 32;
-    if (hash > bound_) return;
-    hashes_.push_back(hash);
+    const auto upper = static_cast<std::uint32_t>(hash >> 32);
+    if (upper > bound_) return;
+    hashes_.push_back(upper);
     values_.push_back(make());
     while (values_.size() > capacity_) halve();
   }
@@ -45,8 +46,9 @@ class EvenSample {
   }
   std::size_t capacity_;
   std::vector<Value> values_;
-  std::vector<std::uint64_t> hashes_;
-  std::uint64_t seen_ = 0, bound_ = std::numeric_limits<std::uint64_t>::max();
+  std::vector<std::uint32_t> hashes_;
+  std::uint64_t seen_ = 0;
+  std::uint32_t bound_ = std::numeric_limits<std::uint32_t>::max();
 };
 
 }  // namespace celadon

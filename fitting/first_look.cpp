@@ -16,10 +16,10 @@ void FirstLook::add(const Profile& profile) {
   v_.resize(n);
   arcs_.synchronise(profile.theta_rad.data(), n, v_.data());
   for (std::size_t k = 0; k < n; ++k) {
-    const double r = profile.r_mm[k], theta = profile.theta_rad[k], z = profile.z_mm[k];
-    if (!(r > 0 && std::isfinite(r) && std::isfinite(theta))) continue;
+    const double r = profile.r_mm[k], z = profile.z_mm[k];
+    if (!(r > 0 && std::isfinite(r) && std::isfinite(profile.theta_rad[k]))) continue;
     if (!(z >= specification_.z_start_mm && z <= specification_.z_end_mm)) continue;
-    samples_.add([&] { return SamplePoint{r, theta, v_[k], z}; });
+    samples_.add([&] { return SamplePoint{r, v_[k], z}; });
     extents_.add(v_[k], z);
   }
 }

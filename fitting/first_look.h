@@ -14,7 +14,7 @@ namespace celadon {
 
 /// One kept sample of the stream.
 struct SamplePoint {
-  double r_mm, theta_rad, v, z_mm;
+  double r_mm, v, z_mm;
 };
 
 /// An even sample of the samples inside a band, how far they reach in every sector, and how many there are.
@@ -33,7 +33,7 @@ class FirstLook {
   bool has_covariances() const { return covariances_; }  ///< some profile did
 
  private:
-  static constexpr std::size_t kSamples = 1 << 18;
+  static constexpr std::size_t kSamples = 1 << 17;
   GridSpecification specification_;
   BaseArcs arcs_;
   EvenSample<SamplePoint> samples_{kSamples};

@@ -67,6 +67,30 @@ void NoiseCorrelation::add(const Profile& profile, const double* v, const double
   add_slots(profile, residual);
 }
 
+void NoiseCorrelation::Lags::merge(const Lags& other) {
+  for (std::size_t k = 0; k < kLags; ++k) sum[k] += other.sum[k], count[k] += other.count[k];
+}
+
+// Pairs of profiles on both sides of the seam are not among those that count.
+void NoiseCorrelation::merge(const NoiseCorrelation& later) {
+  along_.merge(later.along_);
+  across_.merge(later.across_);
+  square_ += later.square_;
+  count_ += later.count_;
+  mean_square_ += later.mean_square_;
+  profiles_with_mean_ += later.profiles_with_mean_;
+  scattered_square_ += later.scattered_square_;
+  scattered_count_ += later.scattered_count_;
+  if (cell_sum_.size() < later.cell_sum_.size()) {
+    cell_sum_.resize(later.cell_sum_.size());
+    cell_count_.resize(later.cell_count_.size());
+  }
+  for (std::size_t k = 0; k < later.cell_sum_.size(); ++k) {
+    cell_sum_[k] += later.cell_sum_[k];
+    cell_count_[k] += later.cell_count_[k];
+  }
+}
+
 void NoiseCorrelation::add_line(const Profile& profile, const double* residual) {
   const std::size_t n = profile.size();
   const auto row = [&](std::size_t k) -> std::size_t { return profile.row.empty() ? k : profile.row[k]; };

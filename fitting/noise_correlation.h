@@ -36,6 +36,8 @@ class NoiseCorrelation {
 
   /// Residuals of a profile's samples (NaN: leave out) and their v; arrays of the profile's length.
   void add(const Profile& profile, const double* v, const double* residual);
+  /// What another one has gathered of the profiles that follow. @pre of the same setting
+  void merge(const NoiseCorrelation& later);
   /// `lack_of_fit`: what share of the residuals' variance the fit they are to could not follow. It is alike at
   /// neighbours, as correlated errors are, and is none.
   Inflation inflation(double lack_of_fit = 0) const;
@@ -49,6 +51,7 @@ class NoiseCorrelation {
     double plateau() const;
     double variance() const { return count[0] > 0 ? sum[0] / count[0] : 0; }
     double inflation(double plateau) const;
+    void merge(const Lags& other);
   };
   struct Laser {
     std::array<std::array<double, kLags>, kSlots> history;

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 namespace celadon {
@@ -49,5 +50,8 @@ class ProfileStream {
   /// The next profile, valid until the next call; nullptr after the last one.
   virtual const Profile* next() = 0;
 };
+
+/// Consecutive parts of one sequence, which may be read at the same time.
+using ProfileParts = std::span<ProfileStream* const>;
 
 }  // namespace celadon

@@ -197,8 +197,8 @@ tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFit
   return fit;
 }
 
-tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const FirstLook& look, ProfileStream& profiles,
-                                               const RangeFitOptions& options,
+tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const FirstLook& look, ProfileParts parts,
+                                               const RangeFitOptions& options, const Executor& executor,
                                                const std::function<void(const char* stage)>& stage) {
   const auto enter = [&](const char* name) {
     if (stage) stage(name);
@@ -210,7 +210,7 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
 
   enter("looking for outliers");
   auto reference =
-      std::make_shared<RobustReference>(sums, look, options.degree_u, options.degree_v, options.continuity);
+      std::make_shared<RobustReference>(sums, look, options.degree_u, options.degree_v, options.continuity, executor);
   const bool found = reference->fit(), reject = options.robust && found && reference->found_strangers();
   const bool reweight = reject || (look.has_covariances() && found);
   if (reject) result.judge = reference;
@@ -238,12 +238,13 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
                                     .arcs = static_cast<double>(sums.arcs().count()),
                                     .samples = sums.samples(),
                                     .unknowns = static_cast<int>(parameters),
-                                    .unknowns_around = static_cast<int>(around)}};
+                                    .unknowns_around = static_cast<int>(around)},
+                    .executor = executor};
   if (reweight) task.new_sums = look.has_covariances() ? WeightRule::covariance : WeightRule::unit;
   // A revolution may want finer intervals along z than sums that are as fine around can have.
   if (reweight ? may_be_revolution(*reference, options) : candidate.levels.u == 0)
     task.revolution = revolution_grid(sums, look, options);
-  Weighing weighing = weigh(sums, profiles, task);
+  Weighing weighing = weigh(sums, parts, task);
   double lack_of_fit = 0;
   if (reweight) {
     if (weighing.sums->samples() == 0)
@@ -310,10 +311,11 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
   FirstLook look(sums);
   profiles.rewind();
   while (const Profile* profile = profiles.next()) look.add(*profile);
-  auto surface = fit_surface(sums, look, profiles, options, stage);
+  ProfileStream* const whole[] = {&profiles};
+  auto surface = fit_surface(sums, look, whole, options, run_in_turn, stage);
   if (!surface) return tl::unexpected(surface.error());
   if (stage) stage("errors of the surface");
-  return measure_errors(std::move(*surface), profiles);
+  return measure_errors(std::move(*surface), whole);
 }
 
 }  // namespace celadon

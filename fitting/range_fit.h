@@ -12,6 +12,7 @@
 #include <tl/expected.hpp>
 
 #include "fitting/coverage.h"
+#include "fitting/executor.h"
 #include "fitting/first_look.h"
 #include "fitting/moment_grid.h"
 #include "fitting/nurbs_surface.h"
@@ -82,14 +83,16 @@ struct FitError {
 tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, const RangeFitOptions& options);
 
 /// The surface, from sums and a first look over the same samples, which both may have been gathered while they came in;
-/// `profiles` is read once, never copied. Progress is reported by `stage` ("looking for outliers", ...) if given.
+/// `parts` are read once, never copied. Progress is reported by `stage` ("looking for outliers", ...) if given.
 /// Errors: no samples, fewer samples than unknowns, all points on the axis, a band without coverage.
-tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const FirstLook& look, ProfileStream& profiles,
+/// @pre at least one part; the same parts give the same bits whatever the executor
+tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const FirstLook& look, ProfileParts parts,
                                                const RangeFitOptions& options = {},
+                                               const Executor& executor = run_in_turn,
                                                const std::function<void(const char* stage)>& stage = {});
 
-/// What the surface misses the samples by: reads `profiles` once more. It may run while the surface is put to use.
-RangeFit measure_errors(SurfaceFit surface, ProfileStream& profiles);
+/// What the surface misses the samples by: reads them once more. It may run while the surface is put to use.
+RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& executor = run_in_turn);
 
 /// A pass for the first look, then both of the above.
 tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream& profiles,

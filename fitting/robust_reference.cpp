@@ -1,9 +1,11 @@
 #include "fitting/robust_reference.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <span>
+#include <utility>
 
 #include "fitting/fit_ladder.h"
 #include "fitting/knot_selection.h"
@@ -70,9 +72,10 @@ double tukey(double x) {
 }  // namespace
 
 RobustReference::RobustReference(const MomentGrid& sums, const FirstLook& look, int degree_u, int degree_v,
-                                 JointContinuity continuity)
+                                 JointContinuity continuity, Executor executor)
     : specification_(sums.specification()),
       continuity_(continuity),
+      executor_(std::move(executor)),
       cells_(sums, look.samples()),
       spreads_(cells_.size()) {
   specification_.degree_u = degree_u;
@@ -81,12 +84,18 @@ RobustReference::RobustReference(const MomentGrid& sums, const FirstLook& look, 
   specification_.intervals_per_arc = power_of_two_below(cells_.around() / sums.arcs().count());
 }
 
+void RobustReference::over_parts(const std::function<void(int part, std::size_t first, std::size_t last)>& work) const {
+  executor_(kParts, [&](int part) {
+    const auto edge = [&](int k) { return cells_.size() * static_cast<std::size_t>(k) / kParts; };
+    work(part, edge(part), edge(part + 1));
+  });
+}
+
 // To begin with, what lies about the middle of its cluster; then what lies where most residuals of its cell lie, which
 // leads to the body from afar; at last what lies near the function.
-bool RobustReference::solve(Weights weights) {
-  MomentGrid grid(specification_);
+void RobustReference::accumulate(Weights weights, std::size_t first, std::size_t last, MomentGrid& grid) const {
   std::vector<double> r, v, z, w, fitted;
-  for (std::size_t c = 0; c < cells_.size(); ++c)
+  for (std::size_t c = first; c < last; ++c)
     for (const Cluster& cluster : cells_[c].clusters) {
       if (!cluster.accepted) continue;
       r.clear(), v.clear(), z.clear(), w.clear();
@@ -116,6 +125,15 @@ bool RobustReference::solve(Weights weights) {
       }
       grid.add_synchronised(std::span(r).first(kept), std::span(v).first(kept), std::span(z).first(kept), w);
     }
+}
+
+bool RobustReference::solve(Weights weights) {
+  std::vector<MomentGrid> grids(kParts, MomentGrid(specification_));
+  over_parts([&](int part, std::size_t first, std::size_t last) {
+    accumulate(weights, first, last, grids[static_cast<std::size_t>(part)]);
+  });
+  MomentGrid& grid = grids.front();
+  for (std::size_t part = 1; part < grids.size(); ++part) grid.merge(grids[part]);
   if (grid.samples() == 0) return false;
   CellBand band{grid.z_cells(), 0};
   for (int j = 0; j < grid.v_cells(); ++j)
@@ -134,26 +152,15 @@ bool RobustReference::solve(Weights weights) {
 // Keys of all points become residuals; each cell's limit is the size of the middle of its accepted ones (what the
 // reference cannot follow is no outlier) and the spread about it, at least the spread everywhere and half of the
 // neighbours'.
+// Each cell's limit is the size of the middle of its accepted residuals (what the reference cannot follow is no outlier)
+// and the spread about it, at least the spread everywhere and half of the neighbours'.
 void RobustReference::update_limits() {
-  std::vector<double> sizes, residuals, v, z, fitted;
-  for (std::size_t c = 0; c < cells_.size(); ++c) {
-    SampleCell& cell = cells_[c];
-    const std::size_t n = cell.points.size();
-    spreads_[c] = {};
-    v.clear(), z.clear(), residuals.clear();
-    for (const CellPoint& p : cell.points) v.push_back(p.v), z.push_back(p.z_mm);
-    fitted.resize(n);
-    polynomials_->evaluate(v.data(), z.data(), n, fitted.data());
-    for (std::size_t k = 0; k < n; ++k) cell.points[k].key = cell.points[k].r_mm - fitted[k];
-    for (const Cluster& cluster : cell.clusters)
-      for (int k = cluster.first; cluster.accepted && k < cluster.first + cluster.count; ++k)
-        residuals.push_back(cell.points[static_cast<std::size_t>(k)].key);
-    if (residuals.empty()) continue;
-    const auto [middle, spread] = densest(residuals);
-    // Sorted now: about their median, which few samples bias less than where they lie densest.
-    for (const double e : residuals) sizes.push_back(std::abs(e - residuals[residuals.size() / 2]));
-    spreads_[c] = {middle, spread, 0};
-  }
+  std::array<std::vector<double>, kParts> sizes_of_part;
+  over_parts([&](int part, std::size_t first, std::size_t last) {
+    find_spreads(first, last, sizes_of_part[static_cast<std::size_t>(part)]);
+  });
+  std::vector<double> sizes;
+  for (const auto& part : sizes_of_part) sizes.insert(sizes.end(), part.begin(), part.end());
   scale_ = std::max(scale_of(sizes), kSmallestScale * std::max(specification_.z_end_mm - specification_.z_start_mm,
                                                                function_.coefficients().cwiseAbs().maxCoeff()));
   for (Spread& s : spreads_) s.width = std::max(s.width, scale_);
@@ -176,6 +183,28 @@ void RobustReference::update_limits() {
     spreads_[k].limit = local[k];
     cells_.visit_neighbourhood(
         k, [&](std::size_t other) { spreads_[k].limit = std::max(spreads_[k].limit, local[other] / 2); });
+  }
+}
+// Keys of the points become residuals.
+void RobustReference::find_spreads(std::size_t first, std::size_t last, std::vector<double>& sizes) {
+  std::vector<double> residuals, v, z, fitted;
+  for (std::size_t c = first; c < last; ++c) {
+    SampleCell& cell = cells_[c];
+    const std::size_t n = cell.points.size();
+    spreads_[c] = {};
+    v.clear(), z.clear(), residuals.clear();
+    for (const CellPoint& p : cell.points) v.push_back(p.v), z.push_back(p.z_mm);
+    fitted.resize(n);
+    polynomials_->evaluate(v.data(), z.data(), n, fitted.data());
+    for (std::size_t k = 0; k < n; ++k) cell.points[k].key = cell.points[k].r_mm - fitted[k];
+    for (const Cluster& cluster : cell.clusters)
+      for (int k = cluster.first; cluster.accepted && k < cluster.first + cluster.count; ++k)
+        residuals.push_back(cell.points[static_cast<std::size_t>(k)].key);
+    if (residuals.empty()) continue;
+    const auto [middle, spread] = densest(residuals);
+    // Sorted now: about their median, which few samples bias less than where they lie densest.
+    for (const double e : residuals) sizes.push_back(std::abs(e - residuals[residuals.size() / 2]));
+    spreads_[c] = {middle, spread, 0};
   }
 }
 
@@ -280,16 +309,19 @@ RobustReference::Verdict RobustReference::verdict(double v, double z, double r, 
 }
 
 double RobustReference::percentile95(const RangeFunction& function) const {
-  std::vector<double> sizes;
+  std::vector<double> r, v, z, sizes;
   for (std::size_t c = 0; c < cells_.size(); ++c)
     for (const Cluster& cluster : cells_[c].clusters)
       for (int k = cluster.first; cluster.accepted && k < cluster.first + cluster.count; ++k) {
         const CellPoint& p = cells_[c].points[static_cast<std::size_t>(k)];
         if (p.z_mm < function.base().z_start_mm || p.z_mm > function.base().z_end_mm) continue;
-        if (tukey((p.r_mm - function_(p.theta_rad, p.z_mm)) / spreads_[c].limit) <= 0) continue;
-        sizes.push_back(std::abs(p.r_mm - function(p.theta_rad, p.z_mm)));
+        if (tukey(p.key / spreads_[c].limit) <= 0) continue;
+        r.push_back(p.r_mm), v.push_back(p.v), z.push_back(p.z_mm);
       }
-  if (sizes.empty()) return 0;
+  if (r.empty()) return 0;
+  sizes.resize(r.size());
+  CellPolynomials(function).evaluate(v.data(), z.data(), r.size(), sizes.data());
+  for (std::size_t k = 0; k < r.size(); ++k) sizes[k] = std::abs(r[k] - sizes[k]);
   const auto at = sizes.begin() + static_cast<std::ptrdiff_t>(0.95 * static_cast<double>(sizes.size() - 1));
   std::nth_element(sizes.begin(), at, sizes.end());
   return *at;

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "fitting/cell_polynomials.h"
+#include "fitting/executor.h"
 #include "fitting/first_look.h"
 #include "fitting/moment_grid.h"
 #include "fitting/range_function.h"
@@ -22,8 +23,8 @@ inline constexpr double kTukey = 4.685;
 /// Built and fit() after the first look; then verdict() on each sample of later passes.
 class RobustReference {
  public:
-  RobustReference(const MomentGrid& sums, const FirstLook& look, int degree_u, int degree_v,
-                  JointContinuity continuity);
+  RobustReference(const MomentGrid& sums, const FirstLook& look, int degree_u, int degree_v, JointContinuity continuity,
+                  Executor executor = run_in_turn);
 
   /// False: the sample determines no surface.
   bool fit();
@@ -58,11 +59,16 @@ class RobustReference {
   bool iterate(std::initializer_list<Weights> steps);
   double rise_beside(std::size_t cell, int rows) const;
   bool follow_handles();
+  static constexpr int kParts = 4;  // of the cells, for the executor
+  void over_parts(const std::function<void(int part, std::size_t first, std::size_t last)>& work) const;
+  void accumulate(Weights weights, std::size_t first, std::size_t last, MomentGrid& grid) const;
   bool solve(Weights weights);
+  void find_spreads(std::size_t first, std::size_t last, std::vector<double>& sizes);
   void update_limits();
 
   GridSpecification specification_;
   JointContinuity continuity_;
+  Executor executor_;
   SampleCells cells_;
   std::vector<Spread> spreads_;
   RangeFunction function_;

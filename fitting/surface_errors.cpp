@@ -2,6 +2,7 @@
 #include <cmath>
 #include <optional>
 #include <utility>
+#include <vector>
 
 #include "fitting/cell_polynomials.h"
 #include "fitting/error_histogram.h"
@@ -12,43 +13,76 @@
 
 namespace celadon {
 
-RangeFit measure_errors(SurfaceFit surface, ProfileStream& profiles) {
-  const RobustReference* judge = surface.judge.get();
-  RangeFit fit = std::move(surface.fit);
-  RangeFitReport& report = fit.report;
+namespace {
+
+// Of one part of the samples.
+struct PartErrors {
   ErrorHistogram along_ray, geometric;
-  const CellPolynomials polynomials(fit.function);
-  const auto reference = judge ? std::optional<CellPolynomials>(judge->function()) : std::nullopt;
-  const double low = fit.function.base().z_start_mm, high = fit.function.base().z_end_mm;
-  std::size_t cut = 0;
+  std::size_t cut = 0, unfollowable = 0;
+};
+
+// The surface, and what judges samples before they count.
+struct Judged {
+  const SurfaceFit& surface;
+  CellPolynomials polynomials;
+  std::optional<CellPolynomials> reference;
+  explicit Judged(const SurfaceFit& s) : surface(s), polynomials(s.fit.function) {
+    if (s.judge) reference.emplace(s.judge->function());
+  }
+};
+
+PartErrors measure_part(const Judged& judged, ProfileStream& profiles) {
+  PartErrors errors;
+  const SurfaceFit& surface = judged.surface;
+  const BaseCylinder& base = surface.fit.function.base();
   Residuals to_surface, to_reference;
-  for (ResidualPass pass(profiles, fit.function.base().arcs); const Profile* p = pass.next();) {
-    const std::size_t n = p->size();
-    pass.compare(polynomials, to_surface, true);
-    if (judge) pass.compare(*reference, to_reference, false);
-    for (std::size_t k = 0; k < n; ++k) {
+  for (ResidualPass pass(profiles, base.arcs); const Profile* p = pass.next();) {
+    pass.compare(judged.polynomials, to_surface, true);
+    if (judged.reference) pass.compare(*judged.reference, to_reference, false);
+    for (std::size_t k = 0; k < p->size(); ++k) {
       const double z = p->z_mm[k];
       if (!pass.usable(k, surface.grid_start_mm, surface.grid_end_mm)) continue;
-      if (judge) {
-        const auto verdict = judge->verdict(pass.v()[k], z, p->r_mm[k], to_reference.residual[k]);
-        report.unfollowable += verdict.kind == RobustReference::Kind::unfollowable;
+      if (judged.reference) {
+        const auto verdict = surface.judge->verdict(pass.v()[k], z, p->r_mm[k], to_reference.residual[k]);
+        errors.unfollowable += verdict.kind == RobustReference::Kind::unfollowable;
         if (verdict.kind != RobustReference::Kind::good) continue;
       }
-      if (z < low || z > high) {
-        ++cut;
+      if (z < base.z_start_mm || z > base.z_end_mm) {
+        ++errors.cut;
         continue;
       }
       const double residual = to_surface.residual[k], r_z = to_surface.r_z[k];
       const double around = to_surface.r_theta[k] / to_surface.r[k];
-      along_ray.add(residual);
-      geometric.add(residual / std::sqrt(1 + r_z * r_z + around * around));
+      errors.along_ray.add(residual);
+      errors.geometric.add(residual / std::sqrt(1 + r_z * r_z + around * around));
     }
   }
-  report.rejected = report.points - along_ray.count() - cut - report.unfollowable;
-  report.residual_mm = {along_ray.rms(), along_ray.quantile(0.95), along_ray.max()};
-  report.geometric_mm = {geometric.rms(), geometric.quantile(0.95), geometric.max()};
+  return errors;
+}
+
+}  // namespace
+
+RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& executor) {
+  const Judged judged(surface);
+  std::vector<PartErrors> of_part(parts.size());
+  executor(static_cast<int>(parts.size()), [&](int k) {
+    const auto at = static_cast<std::size_t>(k);
+    of_part[at] = measure_part(judged, *parts[at]);
+  });
+  PartErrors& all = of_part.front();
+  for (std::size_t k = 1; k < of_part.size(); ++k) {
+    all.along_ray.merge(of_part[k].along_ray);
+    all.geometric.merge(of_part[k].geometric);
+    all.cut += of_part[k].cut;
+    all.unfollowable += of_part[k].unfollowable;
+  }
+  RangeFitReport& report = surface.fit.report;
+  report.unfollowable = all.unfollowable;
+  report.rejected = report.points - all.along_ray.count() - all.cut - all.unfollowable;
+  report.residual_mm = {all.along_ray.rms(), all.along_ray.quantile(0.95), all.along_ray.max()};
+  report.geometric_mm = {all.geometric.rms(), all.geometric.quantile(0.95), all.geometric.max()};
   warn(report, surface.band);
-  return fit;
+  return std::move(surface.fit);
 }
 
 }  // namespace celadon

@@ -1,6 +1,7 @@
 #include "fitting/weighing.h"
 
 #include <limits>
+#include <utility>
 #include <vector>
 
 #include "fitting/cell_polynomials.h"
@@ -15,9 +16,8 @@ double residual_variance(const SampleCovariance& c, double r_theta, double r_z) 
          2 * r_theta * r_z * c.tz;
 }
 
-}  // namespace
-
-Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const WeighingTask& task) {
+Weighing weigh_part(const MomentGrid& sums, ProfileStream& profiles, const CellPolynomials& polynomials,
+                    const WeighingTask& task) {
   Weighing result(task.correlation);
   if (task.new_sums) {
     result.sums.emplace(sums.specification(), *task.new_sums);
@@ -25,7 +25,6 @@ Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const WeighingTa
   }
   if (task.revolution) result.revolution.emplace(*task.revolution);
   const double low = task.function.base().z_start_mm, high = task.function.base().z_end_mm;
-  const CellPolynomials polynomials(task.function);
   Residuals to_function;
   std::vector<double> weight;
   for (ResidualPass pass(profiles, sums.arcs()); const Profile* p = pass.next();) {
@@ -54,6 +53,32 @@ Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const WeighingTa
     result.correlation.add(*p, v.data(), residual.data());
     if (result.sums) result.sums->add_synchronised(p->r_mm, v, p->z_mm, weight);
     if (result.revolution) result.revolution->add_synchronised(p->r_mm, v, p->z_mm, weight);
+  }
+  return result;
+}
+
+}  // namespace
+
+void Weighing::merge(const Weighing& later) {
+  residual_square += later.residual_square;
+  samples += later.samples;
+  correlation.merge(later.correlation);
+  if (sums) sums->merge(*later.sums);
+  if (extents) extents->merge(*later.extents);
+  if (revolution) revolution->merge(*later.revolution);
+}
+
+Weighing weigh(const MomentGrid& sums, ProfileParts parts, const WeighingTask& task) {
+  const CellPolynomials polynomials(task.function);
+  std::vector<std::optional<Weighing>> of_part(parts.size());
+  task.executor(static_cast<int>(parts.size()), [&](int k) {
+    const auto at = static_cast<std::size_t>(k);
+    of_part[at].emplace(weigh_part(sums, *parts[at], polynomials, task));
+  });
+  Weighing result = std::move(*of_part.front());
+  for (std::size_t k = 1; k < of_part.size(); ++k) {
+    result.merge(*of_part[k]);
+    of_part[k].reset();
   }
   // Weights count samples: their mean is 1.
   for (auto* weighted : {&result.sums, &result.revolution})

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "fitting/coverage.h"
+#include "fitting/executor.h"
 #include "fitting/moment_grid.h"
 #include "fitting/noise_correlation.h"
 #include "fitting/profile.h"
@@ -21,6 +22,7 @@ struct WeighingTask {
   double scale_mm = 0;                   ///< standard deviation of a sample of weight 1, for WeightRule::covariance
   std::optional<GridSpecification> revolution{};  ///< and sums for a revolution alone over this grid
   NoiseCorrelation::Setting correlation;
+  Executor executor = run_in_turn;
 };
 
 struct Weighing {
@@ -30,9 +32,11 @@ struct Weighing {
   std::optional<MomentGrid> sums;  ///< weights with the mean 1
   std::optional<SectorExtents> extents;
   std::optional<MomentGrid> revolution;
+
+  void merge(const Weighing& later);
 };
 
 /// `sums`: those of the first pass, whose grid the new ones share.
-Weighing weigh(const MomentGrid& sums, ProfileStream& profiles, const WeighingTask& task);
+Weighing weigh(const MomentGrid& sums, ProfileParts parts, const WeighingTask& task);
 
 }  // namespace celadon

@@ -118,9 +118,10 @@ int fit(const FitArguments& arguments) {
   FirstLook look(sums);
   accumulate(**samples, sums, look);
   notes.seconds.push_back({"accumulate", watch.lap()});
-  auto surface = fit_surface(sums, look, **samples, options);
+  ProfileStream* const whole[] = {samples->get()};
+  auto surface = fit_surface(sums, look, whole, options);
   if (!surface) return fail(2, "'" + arguments.input + "': " + surface.error().message);
-  const RangeFit fitted = measure_errors(std::move(*surface), **samples);
+  const RangeFit fitted = measure_errors(std::move(*surface), whole);
   notes.seconds.push_back({"fit", watch.lap()});
 
   notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;

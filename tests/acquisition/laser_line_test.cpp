@@ -53,8 +53,9 @@ Bytes yuyv_with_colour(const Bytes& grey, LineChannel channel) {
   for (std::size_t i = 0; i < grey.size(); i += 2) {
     const double value = (grey[i] + grey[i + 1]) / 2.0, luma = 60;
     const double v = channel == LineChannel::red ? (value - luma) / 1.4 : -(value - luma) / 0.71;
-    yuyv[2 * i] = static_cast<std::uint8_t>(luma + grey[i] - value);
-    yuyv[2 * i + 2] = static_cast<std::uint8_t>(luma + grey[i + 1] - value);
+    const auto byte = [](double x) { return static_cast<std::uint8_t>(std::clamp(x, 0.0, 255.0)); };
+    yuyv[2 * i] = byte(luma + grey[i] - value);
+    yuyv[2 * i + 2] = byte(luma + grey[i + 1] - value);
     yuyv[2 * i + 1] = 128;
     yuyv[2 * i + 3] = static_cast<std::uint8_t>(std::clamp(std::lround(128 + v), 0L, 255L));
   }

@@ -64,6 +64,7 @@ void expect_equal(const Profile& a, const Profile& b) {
   EXPECT_EQ(a.z_mm, b.z_mm);
   EXPECT_EQ(a.row, b.row);
   ASSERT_EQ(a.covariance.size(), b.covariance.size());
+  if (a.covariance.empty()) return;
   EXPECT_EQ(std::memcmp(a.covariance.data(), b.covariance.data(), a.covariance.size() * sizeof(SampleCovariance)), 0);
 }
 
@@ -381,6 +382,65 @@ TEST(ProfileLog, AFullDiskIsASentenceAndKeepsWholeRecords) {
   EXPECT_GT(count_profiles(**log), 50);
   EXPECT_EQ((*log)->torn_bytes(), 0u) << "the torn record was cut off";
   EXPECT_EQ((*log)->error(), "");
+}
+
+// Parts of a log, read at the same time or one after the other, are the log.
+TEST(ProfileLog, PartsTogetherHoldEveryProfileOnce) {
+  for (const int count : {0, 1, 15, 16, 17, 130}) {
+    for (const int parts : {1, 2, 4, 7}) {
+      const TemporaryFolder folder;
+      auto log = ProfileLogWriter::create(folder / "a.log", golden_header());
+      ASSERT_TRUE(log);
+      for (int k = 0; k < count; ++k) {
+        Profile p = golden_profile();
+        p.index = static_cast<std::uint32_t>(k);
+        (*log)->append(LogFrame{static_cast<std::uint64_t>(k), k, 1, 0, FrameVerdict::profile});
+        ASSERT_TRUE((*log)->append(p));
+        if (k % 5 == 0) {
+          ASSERT_TRUE((*log)->append(p, true));
+        }
+      }
+      ASSERT_TRUE((*log)->finish(LogOutcome::complete, ""));
+      const std::vector<RecordMark> edges = (*log)->divide(parts);
+      ASSERT_EQ(edges.size(), static_cast<std::size_t>(parts) + 1);
+      std::uint32_t next = 0;
+      for (int k = 0; k < parts; ++k) {
+        const auto at = static_cast<std::size_t>(k);
+        auto part = ProfileLogReader::open(folder / "a.log", edges[at], edges[at + 1]);
+        ASSERT_TRUE(part) << part.error().message;
+        EXPECT_EQ((*part)->header().machine, golden_header().machine);
+        const std::uint32_t first = next;
+        for (int pass = 0; pass < 2; ++pass) {
+          next = first;
+          (*part)->rewind();
+          while (const Profile* p = (*part)->next()) EXPECT_EQ(p->index, next++);
+          EXPECT_EQ((*part)->error(), "");
+        }
+        if (count >= 16 * parts) {
+          EXPECT_LE(next - first, static_cast<std::uint32_t>(count / parts + 32));
+        }
+      }
+      EXPECT_EQ(next, static_cast<std::uint32_t>(count));
+    }
+  }
+}
+
+TEST(ProfileLog, DamageInOnePartIsToldThere) {
+  const TemporaryFolder folder;
+  auto log = ProfileLogWriter::create(folder / "a.log", golden_header());
+  ASSERT_TRUE(log);
+  for (int k = 0; k < 64; ++k) ASSERT_TRUE((*log)->append(golden_profile()));
+  ASSERT_TRUE((*log)->finish(LogOutcome::complete, ""));
+  const std::vector<RecordMark> edges = (*log)->divide(2);
+  std::string bytes = read_file(folder / "a.log");
+  bytes[static_cast<std::size_t>(edges[1].offset) + 40] ^= 1;
+  write_file(folder / "a.log", bytes);
+  for (std::size_t k = 0; k < 2; ++k) {
+    auto part = ProfileLogReader::open(folder / "a.log", edges[k], edges[k + 1]);
+    ASSERT_TRUE(part);
+    count_profiles(**part);
+    EXPECT_EQ((*part)->error().empty(), k == 0) << (*part)->error();
+  }
 }
 
 }  // namespace

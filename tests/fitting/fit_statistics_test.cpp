@@ -100,7 +100,8 @@ TEST(NoiseCorrelation, ScatteredPointsAreJudgedByTheirCells) {
 
 RC_GTEST_PROP(ErrorHistogram, QuantilesAreThoseOfTheSortedErrors, ()) {
   const auto errors = *rc::gen::container<std::vector<double>>(
-      *rc::gen::inRange(1, 400), rc::gen::map(rc::gen::inRange(-1000000, 1000000), [](int k) { return k * 1e-5; }));
+      *rc::gen::inRange<std::size_t>(1, 400),
+      rc::gen::map(rc::gen::inRange(-1000000, 1000000), [](int k) { return k * 1e-5; }));
   ErrorHistogram histogram;
   double square = 0;
   std::vector<double> sizes;
