@@ -111,9 +111,10 @@ GridSpecification grid_for(const ScanRequest& request, const ScanPreparation& se
   grid.degree_v = request.degree_v;
   grid.z_intervals = 4;
   grid.intervals_per_arc = 2;
-  // Samples of one profile share its errors, so an interval around needs several profiles to tell noise from shape.
-  constexpr int kProfilesPerInterval = 4;
-  const int most_around = std::clamp(request.profiles / (4 * kProfilesPerInterval), 2, kMostAround);
+  // No fit seeks more unknowns around than it has profiles for.
+  constexpr double kArcs = 4, kProfilesPerUnknown = 1.5;
+  const int most_around =
+      std::clamp(static_cast<int>(request.profiles / (kArcs * kProfilesPerUnknown)), 2, kMostAround);
   const double cells = static_cast<double>(seen.samples) * request.profiles / kSamplesPerCell;
   while (grid.z_intervals < kMostAlong || 2 * grid.intervals_per_arc <= most_around) {
     const bool along = grid.z_intervals <= 2 * grid.intervals_per_arc && grid.z_intervals < kMostAlong;

@@ -4,6 +4,8 @@
 #include <array>
 #include <cstdarg>
 #include <cstdio>
+#include <limits>
+#include <numbers>
 
 #include "fitting/model_selection.h"
 
@@ -78,6 +80,28 @@ std::optional<FitError> refuse_too_few(const MomentGrid& sums, const FitLadder& 
                        sums.samples(), unknowns, fixed ? "requested" : "smallest",
                        to_string(forced ? options.model : SurfaceModel::general),
                        fixed ? " or ask for fewer intervals" : " or ask for a simpler shape")};
+}
+
+std::optional<FitError> refuse_crossing(const RangeFunction& function) {
+  if (function.coefficients().minCoeff() > 0) return std::nullopt;  // a mean of coefficients is positive then
+  constexpr int kPerCoefficient = 6;
+  const BaseCylinder& base = function.base();
+  const auto around = function.coefficients().cols() * kPerCoefficient,
+             along = function.coefficients().rows() * kPerCoefficient;
+  double least = std::numeric_limits<double>::infinity(), at_theta = 0, at_z = 0;
+  for (Eigen::Index i = 0; i <= along; ++i)
+    for (Eigen::Index j = 0; j < around; ++j) {
+      const double f = static_cast<double>(i) / static_cast<double>(along);
+      const double z = (1 - f) * base.z_start_mm + f * base.z_end_mm;
+      const double theta = 2 * std::numbers::pi * static_cast<double>(j) / static_cast<double>(around);
+      if (const double r = function(theta, z); r < least) least = r, at_theta = theta, at_z = z;
+    }
+  if (least > 0) return std::nullopt;
+  return FitError{
+      text("the surface would cross the axis at z = %.4g mm, theta = %.0f degrees, where the samples jump or are "
+           "missing; cut off "
+           "what is not of the object (a platter, a stand) or scan what is missing",
+           at_z, at_theta * 180 / std::numbers::pi)};
 }
 
 void describe(RangeFit& fit, const CoveredBand& band, const MomentGrid& sums) {

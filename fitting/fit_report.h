@@ -20,6 +20,9 @@ std::optional<FitError> refuse(const CoveredBand& band, bool whole_turn);
 /// Fewer samples than the smallest surface asked for has unknowns.
 std::optional<FitError> refuse_too_few(const MomentGrid& sums, const FitLadder& ladder, const RangeFitOptions& options);
 
+/// A range function that is not positive everywhere: its surface would cross the axis.
+std::optional<FitError> refuse_crossing(const RangeFunction& function);
+
 /// The parts of the report that surface, band and sums determine.
 void describe(RangeFit& fit, const CoveredBand& band, const MomentGrid& sums);
 /// Sentences on what the report's numbers mean for the operator.

@@ -297,6 +297,7 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
   const CoveredBand& band = (*domain)->band;
   RangeFit& fit = result.fit;
   fit.function = range_function(*choice->fit.equations, choice->fit.free).clipped(band.z_start_mm, band.z_end_mm);
+  if (auto error = refuse_crossing(fit.function)) return tl::unexpected(*error);
   fit.surface = symbolic_product(fit.function);
   describe(fit, band, *(*domain)->sums);
   result.band = band;

@@ -37,10 +37,9 @@ std::string summary_of(const json& report) {
                report["degree"][0].get<int>(), report["degree"][1].get<int>(), report["control_points"][0].get<int>(),
                report["control_points"][1].get<int>());
   text += line("  chosen      %s", report["decided_by"].get<std::string>().c_str());
-  text += line("  samples     %llu used, %llu rejected, %.2f %% that no single-valued surface can follow",
+  text += line("  samples     %llu, of which %llu rejected and %.2f %% that no single-valued surface can follow",
                static_cast<unsigned long long>(report["points"]), static_cast<unsigned long long>(report["rejected"]),
-               100.0 * report["unfollowable"].get<double>() /
-                   std::max(1.0, report["points"].get<double>() + report["rejected"].get<double>()));
+               100.0 * report["unfollowable"].get<double>() / std::max(1.0, report["points"].get<double>()));
   text +=
       "  noise       " + length(report["noise_mm"]) + line(" (correlation factor %.2f)", report["kappa"].get<double>());
   text += "  fit error   " + errors(report["geometric_mm"]) + " (perpendicular)\n";

@@ -386,6 +386,18 @@ std::string refusal(MemoryStream stream, const RangeFitOptions& options = {}) {
   return f ? "fitted" : f.error().message;
 }
 
+// A platter under a thin stem: splines swing at the step, here through the axis, and no solid may come of that.
+TEST(RangeFit, ASurfaceThatWouldCrossTheAxisIsRefused) {
+  test::ScanSetting setting;
+  setting.profiles = 90;
+  setting.rows = 60;
+  setting.sigma = 0.01;
+  auto stream = test::scan([](double, double z) { return z < 40 ? 90.0 : 2.0; }, setting);
+  const auto f = test::fit(stream);
+  ASSERT_FALSE(f);
+  EXPECT_THAT(f.error().message, HasSubstr("cross the axis at z = 4"));
+}
+
 TEST(RangeFit, RefusalsSayWhatIsWrong) {
   MemoryStream none;
   EXPECT_THAT(refusal(none), HasSubstr("no samples"));
