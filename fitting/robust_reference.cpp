@@ -152,8 +152,8 @@ bool RobustReference::solve(Weights weights) {
 // Keys of all points become residuals; each cell's limit is the size of the middle of its accepted ones (what the
 // reference cannot follow is no outlier) and the spread about it, at least the spread everywhere and half of the
 // neighbours'.
-// Each cell's limit is the size of the middle of its accepted residuals (what the reference cannot follow is no outlier)
-// and the spread about it, at least the spread everywhere and half of the neighbours'.
+// Each cell's limit is the size of the middle of its accepted residuals (what the reference cannot follow is no
+// outlier) and the spread about it, at least the spread everywhere and half of the neighbours'.
 void RobustReference::update_limits() {
   std::array<std::vector<double>, kParts> sizes_of_part;
   over_parts([&](int part, std::size_t first, std::size_t last) {

@@ -255,7 +255,8 @@ TEST(Calibration, damaged_and_hostile_texts_are_refused_or_read_as_sane_values) 
   }
   EXPECT_THAT(refusal("a = " + std::string(100'000, '[')), HasSubstr("not TOML"));
   EXPECT_THAT(refusal(std::string("format\0 = 1", 11)), HasSubstr("not TOML"));
-  for (const char* key : {"[!]", "[ =]", "[[,]]", "a = {!=1}", "a = {,}"}) EXPECT_THAT(refusal(key), HasSubstr("not TOML"));
+  for (const char* key : {"[!]", "[ =]", "[[,]]", "a = {!=1}", "a = {,}"})
+    EXPECT_THAT(refusal(key), HasSubstr("not TOML"));
   EXPECT_THAT(refusal("laser = 1\nformat = \"celadon-calibration\"\nversion = \"1.0\""), HasSubstr("machine"));
 }
 
