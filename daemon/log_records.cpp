@@ -196,13 +196,14 @@ tl::expected<std::unique_ptr<RecordReader>, LogError> RecordReader::open(const s
 }
 
 RecordReader::RecordReader(std::filesystem::path file, int fd, std::uint64_t size)
-    : file_(std::move(file)), fd_(fd), size_(size), begin_{kPreambleBytes, 0}, buffer_(kReadAhead / 8) {
+    : file_(std::move(file)), fd_(fd), size_(size), begin_{kPreambleBytes, 0}, end_(size), buffer_(kReadAhead / 8) {
   rewind();
 }
 
 void RecordReader::confine(const RecordMark& begin, const RecordMark& end) {
   begin_ = begin;
-  size_ = end.offset;
+  end_ = end.offset;
+  confined_ = true;
   rewind();
 }
 
@@ -263,12 +264,18 @@ bool RecordReader::stop_at(const std::string& what) {
       return false;
     }
   }
+  if (confined_) {
+    error_ = "The profile log " + file_.string() + " is damaged: the record number " + std::to_string(number_) +
+             " at offset " + std::to_string(offset_) + " " + what + ", and was whole up to offset " +
+             std::to_string(end_) + " when it was written; use the log of another scan or a copy of this one.";
+    return false;
+  }
   torn_ = size_ - offset_;
   return false;
 }
 
 bool RecordReader::next(Record& record) {
-  if (!error_.empty() || offset_ >= size_) return false;
+  if (!error_.empty() || offset_ >= end_) return false;
   const std::uint8_t* bytes = fetch(offset_, kHeadBytes);
   if (bytes == nullptr) return stop_at("is cut short");
   Head head{};

@@ -86,7 +86,7 @@ class RecordReader {
  public:
   /// Reads what the file holds now; what is appended later is not seen.
   static tl::expected<std::unique_ptr<RecordReader>, LogError> open(const std::filesystem::path& file);
-  /// Only what lies from one mark to before another; both are records of this file.
+  /// Only what lies from one mark to before another. @pre the file was whole up to there: what is not now is damage
   void confine(const RecordMark& begin, const RecordMark& end);
   ~RecordReader();
   RecordReader(const RecordReader&) = delete;
@@ -109,8 +109,10 @@ class RecordReader {
 
   const std::filesystem::path file_;
   const int fd_;
-  std::uint64_t size_;  ///< end of what is read
+  const std::uint64_t size_;
   RecordMark begin_;
+  std::uint64_t end_;                  ///< of what is read
+  bool confined_ = false;              ///< known to be whole up to there
   std::vector<std::uint64_t> buffer_;  // of words, for alignment
   std::uint64_t buffer_start_ = 0;
   std::size_t buffer_bytes_ = 0;

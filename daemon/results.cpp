@@ -6,6 +6,7 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <stdexcept>
 #include <system_error>
 
 #include "daemon/files/atomic_file.h"
@@ -143,10 +144,11 @@ tl::expected<void, ResultError> write_surface(const FittedSurface& fitted, Resul
       return put(file, format == ResultFormat::stl ? binary_stl(mesh, header) : binary_ply(mesh, header));
     }
     case ResultFormat::surface_json:
+      return put(file, format_surface_json({fitted.function, fitted.surface, notes.name, notes.date, notes.simulated}));
     case ResultFormat::report_json:
       break;
   }
-  return put(file, format_surface_json({fitted.function, fitted.surface, notes.name, notes.date, notes.simulated}));
+  throw std::invalid_argument("write_surface: a report is no surface; see write_report");
 }
 
 tl::expected<void, ResultError> write_report(const RangeFit& fit, const std::filesystem::path& file,
@@ -184,9 +186,11 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
       start = std::chrono::steady_clock::now();
     }
   }
+  notes.seconds.push_back({"files", seconds_since(start)});
+  start = std::chrono::steady_clock::now();
   auto fit = measured();
   if (!fit) return tl::make_unexpected(fit.error());
-  notes.seconds.push_back({"files", seconds_since(start)});
+  notes.seconds.push_back({"errors", seconds_since(start)});
   names.push_back(file_name(ResultFormat::report_json, notes.name));
   if (auto written = write_report(*fit, staging / names.back(), notes); !written) {
     return tl::make_unexpected(written.error());

@@ -42,7 +42,7 @@ struct FittedSurface {
   const NurbsSurface& surface;
 };
 
-/// Writes one file other than the report: beside, synced, renamed. A STEP file sets notes.solid.
+/// Writes one file: beside, synced, renamed. A STEP file sets notes.solid. @pre format is not report_json
 tl::expected<void, ResultError> write_surface(const FittedSurface& fitted, ResultFormat format,
                                               const std::filesystem::path& file, ResultNotes& notes,
                                               const ResultOptions& options = {});
@@ -50,8 +50,8 @@ tl::expected<void, ResultError> write_report(const RangeFit& fit, const std::fil
                                              const ResultNotes& notes);
 
 /// Writes the files of `formats` (STEP first) and report.json into `folder`, which must not exist and appears whole or
-/// not at all. `measured` gives the whole fit; it is asked for when the STEP file is there. Stages "step" and "files"
-/// are added to notes.seconds. @returns the names in `folder`
+/// not at all. `measured` gives the whole fit; it is asked for when the other files are there. Stages "step", "files"
+/// and "errors" (waited for them) are added to notes.seconds. @returns the names in `folder`
 tl::expected<std::vector<std::string>, ResultError> write_results(
     const FittedSurface& fitted, const std::function<tl::expected<RangeFit, ResultError>()>& measured,
     const std::vector<ResultFormat>& formats, const std::filesystem::path& folder, ResultNotes& notes,

@@ -9,6 +9,14 @@
 
 namespace celadon {
 
+/// Numbers 1, 2, 3, ... to 64 bits that look random, the same everywhere.
+inline std::uint64_t scrambled(std::uint64_t number) {
+  number *= 0x9e3779b97f4a7c15u;
+  number ^= number >> 29;
+  number *= 0xbf58476d1ce4e5b9u;
+  return number ^ (number >> 32);
+}
+
 /// Keeps values whose number has a hash below a bound that halves when there are too many: between half of the capacity
 /// and all of it, or everything while it fits. (Every 2^k-th value would be the same rows of every profile.)
 template <class Value>
@@ -19,11 +27,7 @@ class EvenSample {
   /// `make()` gives the next value of the stream; it is asked only if that is kept.
   template <class Make>
   void add(const Make& make) {
-    std::uint64_t hash = ++seen_ * 0x9e3779b97f4a7c15u;
-    hash ^= hash >> 29;
-    hash *= 0xbf58476d1ce4e5b9u;
-    hash ^= hash >> 32;
-    const auto upper = static_cast<std::uint32_t>(hash >> 32);
+    const auto upper = static_cast<std::uint32_t>(scrambled(++seen_) >> 32);
     if (upper > bound_) return;
     hashes_.push_back(upper);
     values_.push_back(make());

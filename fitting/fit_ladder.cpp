@@ -58,12 +58,6 @@ NormalEquations FitLadder::equations(int level_u, int level_v, Variation variati
           space(level_u, level_v, variation)};
 }
 
-std::size_t FitLadder::memory_bytes() const {
-  std::size_t sum = 0;
-  for (const auto& [levels, moments] : merged_) sum += moments.memory_bytes();
-  return sum;
-}
-
 int FitLadder::unknowns(int level_u, int level_v, Variation variation) const {
   const int m = intervals_per_arc(level_v), arcs = sums_.arcs().count();
   const bool plain = degree_v_ <= 2 || continuity_ == JointContinuity::thesis;

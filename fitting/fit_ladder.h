@@ -39,8 +39,6 @@ class FitLadder {
   int intervals_u(int level_u) const { return static_cast<int>(edges(level_u).size()) - 1; }
   int intervals_per_arc(int level_v) const { return sums_.specification().intervals_per_arc >> level_v; }
   CellBand band() const { return band_; }
-  /// What the merged sums take: never more than the grid's own.
-  std::size_t memory_bytes() const;
 
  private:
   std::vector<int> edges(int level_u) const;

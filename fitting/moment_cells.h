@@ -45,7 +45,6 @@ class MergedMoments {
   MergedMoments(const MomentCells& finer, std::vector<int> edges_z, std::vector<int> edges_v);
   /// @pre this object outlives them
   MomentCells cells() const { return {layout_, edges_z_, edges_v_, sums_.data()}; }
-  std::size_t memory_bytes() const { return sums_.capacity() * sizeof(double); }
 
  private:
   MomentLayout layout_;

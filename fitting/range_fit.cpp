@@ -6,6 +6,7 @@
 #include <limits>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <utility>
 
 #include "fitting/coverage.h"
@@ -203,6 +204,8 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
   const auto enter = [&](const char* name) {
     if (stage) stage(name);
   };
+  if (look.specification() != sums.specification())
+    throw std::invalid_argument("fit_surface: the first look was over other sums");
   if (auto error = refuse(sums, options)) return tl::unexpected(*error);
   SurfaceFit result;
   RangeFitReport& report = result.fit.report;

@@ -85,6 +85,7 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
 /// The surface, from sums and a first look over the same samples, which both may have been gathered while they came in;
 /// `parts` are read once, never copied. Progress is reported by `stage` ("looking for outliers", ...) if given.
 /// Errors: no samples, fewer samples than unknowns, all points on the axis, a band without coverage.
+/// @throws std::invalid_argument if the look was over other sums
 /// @pre at least one part; the same parts give the same bits whatever the executor
 tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const FirstLook& look, ProfileParts parts,
                                                const RangeFitOptions& options = {},

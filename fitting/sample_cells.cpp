@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <numbers>
 
 namespace celadon {
@@ -57,11 +56,7 @@ void SampleCells::keep(const SamplePoint& sample) {
     cell.points.push_back(p);
     return;
   }
-  std::uint64_t hash = cell.seen * 0x9e3779b97f4a7c15u;
-  hash ^= hash >> 29;
-  hash *= 0xbf58476d1ce4e5b9u;
-  hash ^= hash >> 32;
-  const std::size_t slot = hash % cell.seen;
+  const std::size_t slot = scrambled(cell.seen) % cell.seen;
   if (slot < kPerCell) cell.points[slot] = p;
 }
 

@@ -2,6 +2,7 @@
 
 #include "daemon/profile_log.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 #include <sys/resource.h>
@@ -422,6 +423,35 @@ TEST(ProfileLog, PartsTogetherHoldEveryProfileOnce) {
       }
       EXPECT_EQ(next, static_cast<std::uint32_t>(count));
     }
+  }
+}
+
+// What follows lies in the next part: no torn tail of a whole log, and no profile lost in silence.
+TEST(ProfileLog, DamageInTheLastRecordOfAPartIsTold) {
+  const TemporaryFolder folder;
+  auto log = ProfileLogWriter::create(folder / "a.log", golden_header());
+  ASSERT_TRUE(log);
+  for (int k = 0; k < 64; ++k) ASSERT_TRUE((*log)->append(golden_profile()));
+  ASSERT_TRUE((*log)->finish(LogOutcome::complete, ""));
+  const std::vector<RecordMark> edges = (*log)->divide(2);
+  const std::string whole = read_file(folder / "a.log");
+  std::size_t last = whole.rfind("CLPR", static_cast<std::size_t>(edges[1].offset) - 1);
+  for (const std::size_t at : {last + 20, last + 24 + 8}) {  // of the head, of the payload
+    std::string bytes = whole;
+    bytes[at] ^= 1;
+    std::filesystem::remove(folder / "a.log");
+    write_file(folder / "a.log", bytes);
+    auto part = ProfileLogReader::open(folder / "a.log", edges[0], edges[1]);
+    ASSERT_TRUE(part) << part.error().message;
+    EXPECT_EQ(count_profiles(**part), 31);
+    EXPECT_THAT((*part)->error(), ::testing::HasSubstr("damaged"));
+  }
+  write_file(folder / "a.log", whole.substr(0, last + 30));  // cut within the first part, and so before the second
+  for (std::size_t k = 0; k < 2; ++k) {
+    auto part = ProfileLogReader::open(folder / "a.log", edges[k], edges[k + 1]);
+    ASSERT_TRUE(part) << part.error().message;
+    count_profiles(**part);
+    EXPECT_THAT((*part)->error(), ::testing::HasSubstr("damaged"));
   }
 }
 
