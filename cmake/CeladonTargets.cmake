@@ -24,7 +24,7 @@ celadon_precompiled(celadon_json_headers HEADERS ${common_headers} <nlohmann/jso
 celadon_precompiled(celadon_cold_headers HEADERS ${common_headers} <nlohmann/json.hpp> OPTIONS -O1
                     LINK Eigen3::Eigen nlohmann_json::nlohmann_json)
 if(CELADON_BUILD_TESTS)
-  celadon_precompiled(celadon_test_headers KIND EXECUTABLE OPTIONS -O1 -Wno-error
+  celadon_precompiled(celadon_test_headers KIND EXECUTABLE OPTIONS -O1
                       HEADERS ${common_headers} <nlohmann/json.hpp> <gtest/gtest.h> <gmock/gmock.h> <rapidcheck/gtest.h>
                       LINK Eigen3::Eigen nlohmann_json::nlohmann_json GTest::gtest GTest::gmock)
 endif()
@@ -63,7 +63,7 @@ function(celadon_test name)
   target_include_directories(${name} PRIVATE "${PROJECT_SOURCE_DIR}")
   target_link_libraries(${name} PRIVATE ${arg_LINK} GTest::gtest GTest::gmock GTest::gtest_main)
   # Test programs spend their time in the libraries: compiling them fast is worth more than running them fast.
-  target_compile_options(${name} PRIVATE -O1 -Wno-error)
+  target_compile_options(${name} PRIVATE -O1)
   target_precompile_headers(${name} REUSE_FROM celadon_test_headers)
   target_include_directories(${name} PRIVATE "${PROJECT_BINARY_DIR}/generated")
   if("threads" IN_LIST arg_LABELS)
