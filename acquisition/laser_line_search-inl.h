@@ -81,47 +81,65 @@ HWY_INLINE VI colour(DI di, VI y, VI u, VI v) {
   }
 }
 
-/// Luma and chroma of cells, 16 bits.
-template <class V>
-struct YuvCells {
-  V y, u, v;
-};
-
-/// Of half as many cells as D has lanes, from YUYV. The pixels of a cell are Y0 U0 Y1 V0 Y2 U1 Y3 V1.
+/// Means over 4 pixels (Y0 U0 Y1 V0 Y2 U1 Y3 V1) of YUYV: Y02 U Y13 V in 32 bits for each cell of two vectors, in turn
+/// from the first and the second.
 template <class D>
-HWY_INLINE auto yuv_cells(D d, const std::uint8_t* bytes) {
-  const hn::RepartitionToWide<D> d16;
-  const hn::RepartitionToWide<decltype(d16)> d32;
+HWY_INLINE auto yuv_means(D d, const std::uint8_t* bytes) {
+  const hn::RepartitionToWide<hn::RepartitionToWide<D>> d32;
   const hn::RepartitionToWide<decltype(d32)> d64;
-  const hn::RebindToSigned<decltype(d16)> di;
-  const auto lanes = hn::Lanes(d);
-  const auto folded = [&](std::size_t i) {  // Y0+Y2, U, Y1+Y3, V in the lower half of each 64 bits
-    const auto v = hn::LoadU(d, bytes + i * lanes);
-    return hn::BitCast(d32, hn::AverageRound(v, hn::BitCast(d, hn::ShiftRight<32>(hn::BitCast(d64, v)))));
-  };
-  const auto low = hn::BitCast(d16, hn::ConcatEven(d32, folded(1), folded(0)));
-  const auto high = hn::BitCast(d16, hn::ConcatEven(d32, folded(3), folded(2)));
-  const auto yu = hn::ConcatEven(d16, high, low), yv = hn::ConcatOdd(d16, high, low);
-  const auto y =
-      hn::And(hn::BitCast(d16, hn::AverageRound(hn::BitCast(d, yu), hn::BitCast(d, yv))), hn::Set(d16, 0xFF));
-  return YuvCells<hn::VFromD<decltype(di)>>{hn::BitCast(di, y), hn::BitCast(di, hn::ShiftRight<8>(yu)),
-                                            hn::BitCast(di, hn::ShiftRight<8>(yv))};
+  const auto first = hn::LoadU(d, bytes), second = hn::LoadU(d, bytes + hn::Lanes(d));
+  const auto low = hn::AverageRound(first, hn::BitCast(d, hn::ShiftRight<32>(hn::BitCast(d64, first))));
+  const auto high = hn::AverageRound(second, hn::BitCast(d, hn::ShiftLeft<32>(hn::BitCast(d64, second))));
+  return hn::OddEven(hn::BitCast(d32, high), hn::BitCast(d32, low));
 }
 
+/// Red or green of cells in 16 bits: those of one pair of vectors in the lower half of each 32 bits, of another above.
+template <Signal kSignal, class D>
+HWY_INLINE auto colours(D d, const std::uint8_t* lower, const std::uint8_t* upper) {
+  const hn::RepartitionToWide<D> d16;
+  const hn::RebindToSigned<decltype(d16)> di;
+  const auto as16 = [&](auto v) HWY_ATTR { return hn::BitCast(d16, v); };
+  const auto bytes = [&](auto v) HWY_ATTR { return hn::BitCast(d, v); };
+  const auto a = yuv_means(d, lower), b = yuv_means(d, upper);
+  const auto byte = hn::Set(d16, 0xFF);
+  const auto y = hn::And(hn::OddEven(as16(hn::AverageRound(bytes(b), bytes(hn::ShiftLeft<16>(b)))),
+                                     as16(hn::AverageRound(bytes(a), bytes(hn::ShiftRight<16>(a))))),
+                         byte);
+  const auto u = hn::And(hn::OddEven(as16(hn::ShiftLeft<8>(b)), as16(hn::ShiftRight<8>(a))), byte);
+  const auto v = hn::OddEven(hn::ShiftRight<8>(as16(b)), as16(hn::ShiftRight<24>(a)));
+  return colour<kSignal>(di, hn::BitCast(di, y), hn::BitCast(di, u), hn::BitCast(di, v));
+}
+
+/// Bytes of four pairs of vectors as yuv_means() leaves them, one of each pair in each 32 bits, in the order of the
+/// cells: those of a block by pairs, the blocks by pairs, then the blocks of each vector together.
+template <class D, class V>
+HWY_INLINE V pairs_in_order(D d, V v) {
+  const hn::Repartition<std::uint32_t, D> d32;
+  alignas(16) static constexpr std::uint8_t kPairs[16] = {0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15};
+  const auto pairs = hn::TableLookupBytes(v, hn::LoadDup128(d, kPairs));
+  constexpr std::size_t kBlocks = hn::MaxLanes(d32) / 4;
+  if constexpr (kBlocks <= 1) return pairs;
+  alignas(64) std::uint32_t order[4 * kBlocks];
+  for (std::size_t i = 0; i < 4 * kBlocks; ++i) order[i] = static_cast<std::uint32_t>(4 * (i % kBlocks) + i / kBlocks);
+  const auto together = hn::TableLookupLanes(hn::BitCast(d32, pairs), hn::SetTableIndices(d32, order));
+  alignas(16) static constexpr std::uint8_t kVectors[2][16] = {{0, 1, 4, 5, 2, 3, 6, 7, 8, 9, 12, 13, 10, 11, 14, 15},
+                                                               {0, 1, 4, 5, 8, 9, 12, 13, 2, 3, 6, 7, 10, 11, 14, 15}};
+  return hn::TableLookupBytes(hn::BitCast(d, together), hn::LoadDup128(d, kVectors[kBlocks / 4]));
+}
+
+/// As many cells as D has lanes, from eight vectors of YUYV.
 template <Signal kSignal, bool kSubtract, class D>
 HWY_INLINE void store_colour_cells(D d, const std::uint8_t* on, const std::uint8_t* off, std::uint8_t* out) {
-  const hn::Half<D> half;
-  const hn::Rebind<std::int16_t, decltype(half)> di;
-  const std::size_t lanes = hn::Lanes(d);
-  for (std::size_t side = 0; side < 2; ++side) {
-    const auto lit = yuv_cells(d, on + side * 4 * lanes);
-    auto value = colour<kSignal>(di, lit.y, lit.u, lit.v);
-    if constexpr (kSubtract) {
-      const auto dark = yuv_cells(d, off + side * 4 * lanes);
-      value = hn::Sub(value, colour<kSignal>(di, dark.y, dark.u, dark.v));
-    }
-    hn::StoreU(hn::DemoteTo(half, value), half, out + side * lanes / 2);
-  }
+  const hn::RepartitionToWide<D> d16;
+  const hn::RebindToSigned<decltype(d16)> di;
+  const std::size_t pair = 2 * hn::Lanes(d);
+  const auto signal = [&](std::size_t lower, std::size_t upper) HWY_ATTR {
+    auto value = colours<kSignal>(d, on + lower * pair, on + upper * pair);
+    if constexpr (kSubtract) value = hn::Sub(value, colours<kSignal>(d, off + lower * pair, off + upper * pair));
+    return hn::BitCast(d16, hn::Min(hn::Max(value, hn::Zero(di)), hn::Set(di, 255)));
+  };
+  const auto cells = hn::Or(signal(0, 2), hn::ShiftLeft<8>(signal(1, 3)));
+  hn::StoreU(pairs_in_order(d, hn::BitCast(d, cells)), d, out);
 }
 
 /// One cell (mean signal) for each 4 pixels.
