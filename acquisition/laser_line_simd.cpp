@@ -63,7 +63,7 @@ void extract_block(const Job& job, int first_row, int row_count) {
     const std::uint8_t* on = row_of(job.on, i);
     const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
     std::uint8_t* cells = s.cells[i] + kPaddingCells;
-    if (narrow) {
+    if (narrow) {  // NOLINT(bugprone-branch-clone): the same where vectors have 16 lanes
       decimate<kSignal, kSubtract>(DNarrow(), on, off, cell_count, cells);
     } else {
       decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);

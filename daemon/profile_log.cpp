@@ -262,6 +262,7 @@ tl::expected<void, LogError> ProfileLogWriter::finish(LogOutcome outcome, const 
 
 std::vector<RecordMark> ProfileLogWriter::divide(int parts) const {
   std::vector<RecordMark> edges;
+  edges.reserve(static_cast<std::size_t>(parts) + 1);
   for (int k = 0; k < parts; ++k) {
     edges.push_back(marks_.empty()
                         ? records_->mark()

@@ -68,7 +68,7 @@ template <std::size_t N>
 std::string one_of(const std::string& field, const json& value, const std::array<const char*, N>& names) {
   std::string allowed = "one of";
   for (const char* name : names) allowed += std::string(name == names.front() ? " " : ", ") + name;
-  const std::string text = text_field(field, value, allowed);
+  std::string text = text_field(field, value, allowed);
   if (std::find(names.begin(), names.end(), text) == names.end()) refuse(field, value, allowed);
   return text;
 }
@@ -95,7 +95,7 @@ double number_field(const std::string& field, const json& value, double high, co
 
 std::string name_field(const json& value) {
   const std::string allowed = "at most 64 letters, digits, '-', '_', '.' and blanks, not starting with '.' or a blank";
-  const std::string name = text_field("name", value, allowed);
+  std::string name = text_field("name", value, allowed);
   const bool good = std::all_of(name.begin(), name.end(), [](char c) {
     return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
            c == '.' || c == ' ';

@@ -23,7 +23,7 @@ inline constexpr double kVanishingWeight = 1e-5, kStiffWeight = 1e-3;
 /// Levels of both directions.
 struct LadderLevels {
   int u = 0, v = 0;
-  auto operator<=>(const LadderLevels&) const = default;
+  auto operator<=>(const LadderLevels&) const = default;  // NOLINT(modernize-use-nullptr): its 0 is no pointer
 };
 
 /// A solved member of the ladder.

@@ -73,6 +73,7 @@ void NormalEquations::assemble(const MomentGrid& sums, const MomentCells& cells)
   std::vector<Translation> along_u;
   for (const auto& at : map_u.placement) along_u.emplace_back(at, 2 * p + 1);
   std::vector<FunctionTables> products_u;
+  products_u.reserve(static_cast<std::size_t>(space_.u.intervals()));
   for (int k = 0; k < space_.u.intervals(); ++k) products_u.push_back(FunctionTables::along_u(space_.u, k));
 
   // One column of intervals at a time: its moments, the entries of its functions' pairs, then those into the planes.
