@@ -45,6 +45,7 @@ std::string read_line(int fd, int time_ms) {
 // Starts a program with its output to output_fd and its errors to the log; it ends when this process dies.
 pid_t spawn(const std::vector<std::string>& command, int output_fd, const fs::path& log) {
   std::vector<char*> arguments;
+  arguments.reserve(command.size() + 1);
   for (const auto& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
   arguments.push_back(nullptr);
   const pid_t parent = ::getpid();

@@ -20,8 +20,6 @@
 #include "daemon/export/cad_protocol.h"
 #include "daemon/files/atomic_file.h"
 
-extern char** environ;
-
 namespace celadon {
 namespace {
 

@@ -79,10 +79,10 @@ std::optional<std::string> knot_problem(const char* direction, const std::vector
 }
 
 std::optional<std::string> wall_problem(const NurbsSurface& wall) {
-  if (const auto problem = knot_problem("u", wall.knots_u, wall.degree_u)) {
+  if (auto problem = knot_problem("u", wall.knots_u, wall.degree_u)) {
     return problem;
   }
-  if (const auto problem = knot_problem("v", wall.knots_v, wall.degree_v)) {
+  if (auto problem = knot_problem("v", wall.knots_v, wall.degree_v)) {
     return problem;
   }
   for (Eigen::Index i = 0; i < wall.control_points.cols(); ++i) {

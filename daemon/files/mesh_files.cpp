@@ -40,8 +40,8 @@ std::vector<double> lines(const std::vector<Stretch>& stretches, double scale) {
     }
     double before = 0;
     std::size_t at = first;
-    for (double piece = 1; piece < pieces; ++piece) {
-      const double wanted = total * piece / pieces;
+    for (std::size_t piece = 1; piece < static_cast<std::size_t>(pieces); ++piece) {
+      const double wanted = total * static_cast<double>(piece) / pieces;
       const auto weight = [&] { return (stretches[at].to - stretches[at].from) * stretches[at].density; };
       while (at < last && before + weight() < wanted) {
         before += weight();
