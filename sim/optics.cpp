@@ -141,7 +141,8 @@ void Renderer::place(const ObjectPose& pose, double camera_turn_rad) {
 }
 
 double Renderer::across_mm(int k) const {
-  return (k - kAcross / 2) * 1.2 * std::max(config_.sheet.sigma_mm, 0.01);
+  constexpr int kMiddle = kAcross / 2;
+  return (k - kMiddle) * 1.2 * std::max(config_.sheet.sigma_mm, 0.01);
 }
 
 double Renderer::angle_for_row(const Exposure& exposure, double row, double node) const {

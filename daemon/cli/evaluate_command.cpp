@@ -48,10 +48,10 @@ std::optional<std::vector<double>> numbers_from(const std::string& text) {
   }
   const auto range = split(':');
   if (range.size() != 3 || range[1] == 0 || (range[2] - range[0]) / range[1] < 0) return std::nullopt;
-  const double count = std::floor((range[2] - range[0]) / range[1] + 1e-9);
-  if (count >= static_cast<double>(kMostValues)) return std::nullopt;
-  std::vector<double> values;
-  for (double k = 0; k <= count; ++k) values.push_back(range[0] + k * range[1]);
+  const double steps = std::floor((range[2] - range[0]) / range[1] + 1e-9);
+  if (steps >= static_cast<double>(kMostValues)) return std::nullopt;
+  std::vector<double> values(static_cast<std::size_t>(steps) + 1);
+  for (std::size_t k = 0; k < values.size(); ++k) values[k] = range[0] + static_cast<double>(k) * range[1];
   return values;
 }
 

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
@@ -14,7 +15,7 @@ std::string progress_line(const json& scan) {
   const auto& p = scan["progress"];
   const double fraction = std::clamp(p.value("fraction", 0.0), 0.0, 1.0);
   std::string bar(30, '-');
-  std::fill_n(bar.begin(), static_cast<int>(fraction * 30 + 0.5), '#');
+  std::fill_n(bar.begin(), std::lround(fraction * 30), '#');
   char text[256];
   std::snprintf(text, sizeof text, "%-10s [%s] %5.1f deg  %4.0f fps  %6.2f M samples",
                 scan["state"].get<std::string>().c_str(), bar.c_str(), p.value("angle_deg", 0.0),
