@@ -21,7 +21,7 @@ using test::kPi;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 // Of the scan's errors themselves.
-Inflation inflation_of(test::MemoryStream stream) {
+Inflation inflation_of(const test::MemoryStream& stream) {
   NoiseCorrelation correlation(
       {.z_start_mm = 0, .z_end_mm = 120, .arcs = 4, .samples = stream.points(), .unknowns = 16, .unknowns_around = 4});
   const BaseArcs arcs = BaseArcs::full_circle();
