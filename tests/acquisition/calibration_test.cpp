@@ -221,7 +221,7 @@ TEST(Calibration, files_that_cannot_be_read_are_named) {
   const auto message = [&](const std::string& name) { return read_calibration(folder / name).error().message; };
   EXPECT_THAT(message("absent.toml"), AllOf(HasSubstr("absent.toml"), HasSubstr("errno 2")));
   EXPECT_THAT(message("."), HasSubstr("is a folder"));
-  std::ofstream(folder / "empty.toml");
+  std::ofstream(folder / "empty.toml") << "";
   EXPECT_THAT(message("empty.toml"), HasSubstr("is empty"));
   std::ofstream(folder / "long.toml") << std::string(3 << 20, '#');
   EXPECT_THAT(message("long.toml"), HasSubstr("1 MiB"));

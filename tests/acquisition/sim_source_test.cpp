@@ -7,6 +7,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <functional>
@@ -39,7 +40,7 @@ Hello good_hello() {
   hello.format = 1;
   hello.frame_period_ns = 1'000'000;
   hello.exposure_ns = 500'000;
-  std::strcpy(static_cast<char*>(hello.identity), "fake camera");
+  std::snprintf(static_cast<char*>(hello.identity), sizeof hello.identity, "fake camera");
   return hello;
 }
 
@@ -64,7 +65,7 @@ class FakeServer {
     listener_ = ::socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0);
     sockaddr_un address{};
     address.sun_family = AF_UNIX;
-    std::strcpy(static_cast<char*>(address.sun_path), path.c_str());
+    std::snprintf(static_cast<char*>(address.sun_path), sizeof address.sun_path, "%s", path.c_str());
     EXPECT_EQ(::bind(listener_, reinterpret_cast<sockaddr*>(&address), sizeof address), 0);
     EXPECT_EQ(::listen(listener_, 1), 0);
     memory_ = ::memfd_create("frames", MFD_CLOEXEC | MFD_ALLOW_SEALING);
@@ -151,7 +152,7 @@ std::optional<Reply> steady(const Request& request, int n) {
 }
 
 /// `steady` with the answers to `next` changed.
-FakeServer::Plan with_frames(std::function<std::optional<Reply>(Reply, int)> change) {
+FakeServer::Plan with_frames(const std::function<std::optional<Reply>(Reply, int)>& change) {
   FakeServer::Plan plan;
   plan.answer = [change](const Request& request, int n) -> std::optional<Reply> {
     auto reply = steady(request, n);
@@ -292,7 +293,7 @@ TEST(SimSource, frames_that_cannot_be_are_refused) {
   for (const Lie& lie : {Lie{[](Reply&r, int) { r.slot = kSlots; }, "slot 3"},
                          Lie{[](Reply&r, int) { r.slot = UINT32_MAX; }, "slot 4294967295"},
                          Lie{[](Reply&r, int) { r.bytes_used = kSlotBytes + 1; }, "4097 bytes"},
-                         Lie{[](Reply&r, int n) { r.sequence = n == 0 ? 9u : 9u; }, "came after"},
+                         Lie{[](Reply&r, int) { r.sequence = 9; }, "came after"},
                          Lie{[](Reply&r, int) { r.slot = 1; }, "lent already"}}) {
     FakeServer server(with_frames([&](Reply reply, int n) {
       lie.change(reply, n);
