@@ -39,8 +39,8 @@ std::vector<Row> document_rows() {
   std::vector<Row> rows;
   std::string section;
   for (const std::string& line : document_lines()) {
-    if (line.rfind("#", 0) == 0) section = trimmed(line.substr(line.find_first_not_of('#')));
-    if (line.rfind("| ", 0) != 0 || !std::isdigit(line[2])) continue;
+    if (line.starts_with('#')) section = trimmed(line.substr(line.find_first_not_of('#')));
+    if (!line.starts_with("| ") || !std::isdigit(line[2])) continue;
     Row row{section, {}};
     std::istringstream cells(line.substr(1));
     for (std::string cell; std::getline(cells, cell, '|');) row.cells.push_back(trimmed(cell));
@@ -173,7 +173,7 @@ TEST(ProtocolLamp, BlinksAsPrinted) {
     std::uint64_t period_us = 0;
     const std::regex phase(R"((on|off) ([0-9.]+) s)");
     for (std::sregex_iterator it(text.begin(), text.end(), phase), end; it != end; ++it) {
-      const auto us = static_cast<std::uint64_t>(std::stod((*it)[2]) * 1e6 + 0.5);
+      const auto us = static_cast<std::uint64_t>(std::llround(std::stod((*it)[2]) * 1e6));
       phases.emplace_back((*it)[1] == "on", us);
       period_us += us;
     }
