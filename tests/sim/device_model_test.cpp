@@ -205,8 +205,8 @@ TEST(DeviceModel, TimeModelIsTrue) {
       const double by_model = static_cast<double>(frame->stamp_ns) + t.stamp_offset_ns.value +
                               t.exposure_factor.value * static_cast<double>(frame->exposure_ns) +
                               row * t.line_time_ns.value;
-      const double middle = static_cast<double>(e.first_row_end_ns + row * e.line_time_ns) -
-                            static_cast<double>(e.exposure_ns) / 2;
+      const double middle =
+          static_cast<double>(e.first_row_end_ns + row * e.line_time_ns) - static_cast<double>(e.exposure_ns) / 2;
       EXPECT_NEAR(by_model, middle, 1);
     }
     EXPECT_EQ(t.line_time_ns.value > 0, shutter == Shutter::rolling);
