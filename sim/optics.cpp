@@ -114,10 +114,12 @@ Renderer::Renderer(Scene scene, const OpticsConfig& config)
   const LaserSheet& sheet = config_.sheet;
   // The fan in steps of nearly two rows at 30 mm in front of the axis; cubics in between err by 1e-4 px.
   const double step = 0.22 * 1024 / config_.camera.height_px;
-  for (double z = -15; z < scene_.z_max_mm() + 6; z += step) {
+  double z = -15;
+  while (z < scene_.z_max_mm() + 6) {
     Vector3d aim(30, 0, z);
     aim.y() = (sheet.distance_mm - sheet.normal_W.x() * aim.x() - sheet.normal_W.z() * z) / sheet.normal_W.y();
     fan_.push_back((aim - sheet.emitter_W).normalized());
+    z += step;
   }
   const auto width = static_cast<std::size_t>(config_.camera.width_px),
              height = static_cast<std::size_t>(config_.camera.height_px);

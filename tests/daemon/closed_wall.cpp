@@ -181,7 +181,7 @@ ClosedWall cylinder(double radius_mm, double height_mm) {
   return revolution(1, {radius_mm, radius_mm}, height_mm);
 }
 
-ClosedWall revolution(int degree_u, std::vector<double> control_ranges_mm, double height_mm) {
+ClosedWall revolution(int degree_u, const std::vector<double>& control_ranges_mm, double height_mm) {
   ClosedWall wall;
   wall.degree_u = degree_u;
   wall.knots_u = uniform_clamped(degree_u, static_cast<int>(control_ranges_mm.size()));

@@ -28,7 +28,7 @@ struct ClosedWall {
 
 ClosedWall cylinder(double radius_mm, double height_mm);
 /// A body of revolution of degree p in u with the given control ranges.
-ClosedWall revolution(int degree_u, std::vector<double> control_ranges_mm, double height_mm);
+ClosedWall revolution(int degree_u, const std::vector<double>& control_ranges_mm, double height_mm);
 /// A general wall of degrees (p, q) with lobes; deterministic.
 ClosedWall lobed(int degree_u, int rows, int degree_v, double height_mm);
 

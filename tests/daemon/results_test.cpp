@@ -7,10 +7,10 @@
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <bit>
 
 #include <cmath>
 #include <csignal>
-#include <cstring>
 #include <set>
 
 #include <nlohmann/json.hpp>
@@ -135,14 +135,13 @@ TEST(SurfaceJson, NamesWhatIsWrong) {
 
 RC_GTEST_PROP(SurfaceJson, DoublesAreExact, ()) {
   const auto bits = *rc::gen::arbitrary<std::uint64_t>();
-  double x = 0;
-  std::memcpy(&x, &bits, sizeof x);
+  const auto x = std::bit_cast<double>(bits);
   RC_PRE(std::isfinite(x));
   SurfaceFile file = sample_file();
   file.surface.control_points(0, 0) = x;
   const auto back = parse_surface_json(format_surface_json(file), "f");
   RC_ASSERT(back.has_value());
-  RC_ASSERT(std::memcmp(&back->surface.control_points(0, 0), &x, sizeof x) == 0);
+  RC_ASSERT(std::bit_cast<std::uint64_t>(back->surface.control_points(0, 0)) == bits);
 }
 
 RC_GTEST_PROP(SurfaceJson, GarbledTextIsASentenceNotACrash, ()) {
