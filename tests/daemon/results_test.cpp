@@ -9,6 +9,7 @@
 #include <unistd.h>
 #include <bit>
 
+#include <bit>
 #include <cmath>
 #include <csignal>
 #include <set>
