@@ -94,8 +94,11 @@ RangeDerivatives RangeFunction::derivatives(double theta_rad, double z_mm) const
 }
 
 SurfacePoint RangeFunction::surface_point(double theta_rad, double z_mm) const {
-  const RangeDerivatives f = derivatives(theta_rad, z_mm);
   const double z = std::clamp(z_mm, base_.z_start_mm, base_.z_end_mm);
+  return celadon::surface_point(base_, theta_rad, z, derivatives(theta_rad, z_mm));
+}
+
+SurfacePoint surface_point(const BaseCylinder& base, double theta_rad, double z_mm, const RangeDerivatives& f) {
   // In the frame (radial, tangential, axial): S_theta = (r_theta, r, 0), S_z = (r_z, 0, 1).
   const Eigen::Vector3d radial(std::cos(theta_rad), std::sin(theta_rad), 0), tangential(-radial.y(), radial.x(), 0);
   const double norm = std::sqrt(f.r_mm * f.r_mm + f.r_theta * f.r_theta + f.r_mm * f.r_z * f.r_mm * f.r_z);
@@ -112,8 +115,8 @@ SurfacePoint RangeFunction::surface_point(double theta_rad, double z_mm) const {
   const double mean = 0.5 * (A + C), half = std::hypot(0.5 * (A - C), B);
 
   SurfacePoint point;
-  point.p_W = base_.X_WB * (f.r_mm * radial + Eigen::Vector3d(0, 0, z));
-  point.normal_W = base_.X_WB.linear() * (n.x() * radial + n.y() * tangential + Eigen::Vector3d(0, 0, n.z()));
+  point.p_W = base.X_WB * (f.r_mm * radial + Eigen::Vector3d(0, 0, z_mm));
+  point.normal_W = base.X_WB.linear() * (n.x() * radial + n.y() * tangential + Eigen::Vector3d(0, 0, n.z()));
   point.curvature_max = mean + half;
   point.curvature_min = mean - half;
   return point;

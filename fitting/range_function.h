@@ -31,6 +31,9 @@ struct SurfacePoint {
   double curvature_max = 0, curvature_min = 0;
 };
 
+/// The surface's point where r has these derivatives. z in the base frame.
+SurfacePoint surface_point(const BaseCylinder& base, double theta_rad, double z_mm, const RangeDerivatives& r);
+
 class RangeFunction {
  public:
   RangeFunction() = default;
