@@ -1,6 +1,6 @@
 // The speed of the fit against its peers: ALGLIB, scipy, and a plain read of the same bytes. One run prints every line
 // of the bar as measured/bar (at most 1 passes), from medians of interleaved runs. fitting_bench [points for the memory
-// section = 10000000]
+// section = 10000000; "membership": that section alone]
 #include <libalglib/interpolation.h>
 #include <malloc.h>
 
@@ -21,6 +21,9 @@
 
 #include "fitting/knot_selection.h"
 #include "fitting/moment_kernels.h"
+#include "fitting/signed_distance.h"
+#include "fitting/solid_properties.h"
+#include "fitting/surface_comparison.h"
 #include "tests/bench/plain_read.h"
 #include "tests/build_paths.h"
 #include "tests/fitting/fit_tools.h"
@@ -292,6 +295,48 @@ void surfaces(const Scan& scan) {
   at_most("128 x 64 from sums at most 4 x that of 64 x 32", t[4], t[0], 4 * 7);
 }
 
+// Points of the scanner frame against a fitted surface of 64 x 35, in scan order and in none.
+void membership(const Scan& scan) {
+  MomentGrid sums(grid_of(32, kAround));
+  scan.add_profiles(sums);
+  const RangeFunction f = solved(sums);
+  const SignedDistance distance(f);
+  const std::size_t n = scan.side * scan.side;
+  const Points anywhere = scattered_points(n);
+  std::vector<double> loose(3 * n), result(n);
+  for (std::size_t k = 0; k < n; ++k) {
+    loose[k] = anywhere.r[k] * std::cos(anywhere.theta[k]);
+    loose[n + k] = anywhere.r[k] * std::sin(anywhere.theta[k]);
+    loose[2 * n + k] = anywhere.z[k];
+  }
+  const auto along_ray = [&](const std::vector<double>& p) {
+    distance.along_ray(p.data(), p.data() + n, p.data() + 2 * n, n, result.data());
+    sink = sink + result[n / 2];
+  };
+  const auto to_surface = [&](const std::vector<double>& p) {
+    distance.to_surface(p.data(), p.data() + n, p.data() + 2 * n, n, result.data());
+    sink = sink + result[n / 2];
+  };
+  const auto t = medians(15, {[&] { read_all(scan.xyz); }, [&] { along_ray(scan.xyz); }, [&] { to_surface(scan.xyz); },
+                              [&] { along_ray(loose); }, [&] { to_surface(loose); }});
+  std::printf(
+      "1M points against a surface, in scan order: along the ray %.1f ns, signed distance %.1f ns; plain read "
+      "%.2f ns: ratios %.2f, %.2f\n",
+      t[1], t[2], t[0], t[1] / t[0], t[2] / t[0]);
+  std::printf("1M points in no order: along the ray %.1f ns, signed distance %.1f ns: ratios %.2f, %.2f\n", t[3], t[4],
+              t[3] / t[0], t[4] / t[0]);
+  at_most("membership of points in scan order at most 3 x the plain read", t[1], t[0], 3);
+  at_most("signed distance of points in scan order at most 3 x the plain read", t[2], t[0], 3);
+
+  const NurbsSurface surface = symbolic_product(f);
+  const RangeFunction other(f.base(), 3, 3, f.knots_u(), f.knots_v(), f.coefficients().array() + 0.1);
+  SolidProperties solid;
+  const auto once =
+      medians(5, {[&] { solid = solid_properties(surface); }, [&] { sink = sink + compare(f, other)->rms_mm; }});
+  std::printf("solid of the surface: %.0f ms, quadrature to %.0e; comparison of two: %.1f ms\n", once[0],
+              solid.relative_error, once[1]);
+}
+
 // scipy runs as a program of its own, its fits timed inside; turns are taken run by run.
 void regular_grid() {
   const std::string folder = CELADON_BIN_DIR "/../scipy", source = CELADON_SOURCE_DIR "/tests/bench/";
@@ -373,11 +418,16 @@ int main(int argc, char** argv) {
   using namespace celadon;
   std::printf("SIMD level %s: the bars for AVX-512 times %.1f\n", moment_kernels::target_name(), slack());
   std::printf("measured / bar, at most 1 passes\n\n");
+  if (argc > 1 && std::string(argv[1]) == "membership") {
+    membership(Scan());
+    return 0;
+  }
   memory(argc > 1 ? std::atof(argv[1]) : 1e7);
   {
     const Scan scan;
     scans(scan);
     surfaces(scan);
+    membership(scan);
   }
   regular_grid();
   few_points();
