@@ -27,7 +27,7 @@ FitSpace FitLadder::space(int level_u, int level_v, Variation variation) const {
   const std::vector<double> ends{breaks.front(), breaks.back()};
   const std::vector<double> circle{0.0, static_cast<double>(sums_.arcs().count())};
   return {variation.along_u ? RangeSpace::open(degree_u_, std::move(breaks)) : RangeSpace::constant(ends),
-          variation.around_v ? RangeSpace::closed(degree_v_, sums_.arcs(), intervals_per_arc(level_v), continuity_)
+          variation.around_v ? RangeSpace::over(degree_v_, sums_.arcs(), intervals_per_arc(level_v), continuity_)
                              : RangeSpace::constant(circle)};
 }
 

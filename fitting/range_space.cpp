@@ -57,31 +57,31 @@ RangeSpace RangeSpace::open(int degree, std::vector<double> breaks) {
   return space;
 }
 
-RangeSpace RangeSpace::closed(int degree, const BaseArcs& arcs, int intervals_per_arc, JointContinuity continuity) {
+RangeSpace RangeSpace::over(int degree, const BaseArcs& arcs, int intervals_per_arc, JointContinuity continuity) {
   if (intervals_per_arc < 1) {
-    throw std::invalid_argument("RangeSpace::closed: " + std::to_string(intervals_per_arc) + " intervals an arc");
+    throw std::invalid_argument("RangeSpace::over: " + std::to_string(intervals_per_arc) + " intervals an arc");
   }
   std::vector<double> breaks;
   for (int j = 0; j < arcs.count(); ++j) {
     for (int k = 0; k < intervals_per_arc; ++k) breaks.push_back(j + static_cast<double>(k) / intervals_per_arc);
   }
   breaks.push_back(arcs.count());
-  return closed(degree, arcs, std::move(breaks), continuity);
+  return over(degree, arcs, std::move(breaks), continuity);
 }
 
-RangeSpace RangeSpace::closed(int degree, const BaseArcs& arcs, std::vector<double> breaks,
-                              JointContinuity continuity) {
+RangeSpace RangeSpace::over(int degree, const BaseArcs& arcs, std::vector<double> breaks, JointContinuity continuity) {
   require_degree(degree);
   require_ascending(breaks);
-  if (!arcs.closed()) throw std::invalid_argument("RangeSpace::closed: the base arcs are open");
   bool joints = breaks.front() == 0 && breaks.back() == arcs.count();
   for (int j = 1; j < arcs.count(); ++j) joints = joints && std::binary_search(breaks.begin(), breaks.end(), j);
-  if (!joints) throw std::invalid_argument("RangeSpace::closed: breaks must run over the arcs and hold every joint");
+  if (!joints) throw std::invalid_argument("RangeSpace::over: breaks must run over the arcs and hold every joint");
+  const bool simple = degree < 3 || continuity == JointContinuity::thesis;
+  if (simple && !arcs.closed()) return open(degree, std::move(breaks));
   RangeSpace space;
   space.degree_ = degree;
-  space.periodic_ = true;
+  space.periodic_ = arcs.closed();
   space.breaks_ = std::move(breaks);
-  if (degree < 3 || continuity == JointContinuity::thesis) {
+  if (simple) {
     space.extract_simple_periodic();
   } else {
     space.extract_curvature_continuous(arcs);
@@ -120,79 +120,93 @@ void RangeSpace::extract_simple_periodic() {
   extraction_.setFromTriplets(entries.begin(), entries.end());
 }
 
-// Multiplicity degree - 1 at every joint, and F''(v+) - F''(v-) = 4 (1 - w) F'(v) there: r(theta) is C2 exactly.
-// README.md, "Range space", has the derivation of a and b.
+// Multiplicity degree - 1 at every joint, and F''(v+) - F''(v-) = 4 (1 - w) F'(v) there: r(theta) is C2 exactly. The
+// ends of an open range are no joints. README.md, "Range space", has the derivation of a and b.
 void RangeSpace::extract_curvature_continuous(const BaseArcs& arcs) {
-  const int q = degree_, joints = arcs.count();
+  const int q = degree_, arc_count = arcs.count();
   const double quarter_sin = std::sin(arcs.arc_rad() / 4);
   const double jump = 8 * quarter_sin * quarter_sin;  // J = 4 (1 - w)
 
-  std::vector<int> at(static_cast<std::size_t>(joints) + 1);  // index of each joint among the breaks
+  std::vector<int> at(static_cast<std::size_t>(arc_count) + 1);  // index of each arc's end among the breaks
   Breaks with_multiplicity{breaks_, std::vector<int>(breaks_.size(), 1)};
-  for (int j = 0; j <= joints; ++j) {
+  for (int j = 0; j <= arc_count; ++j) {
     const auto found = std::lower_bound(breaks_.begin(), breaks_.end(), static_cast<double>(j));
     at[static_cast<std::size_t>(j)] = static_cast<int>(found - breaks_.begin());
     with_multiplicity.multiplicities[static_cast<std::size_t>(at[static_cast<std::size_t>(j)])] = q - 1;
   }
   knots_ = clamped_knots(q, with_multiplicity);
 
+  // Clamped coefficient 0 is F at the start, the last one F at the end; each arc has intervals + q - 2 between them.
   struct Joint {
     double a1, b1;  // knot spacings next to it, left and right
     double a, b;    // c-1 = (1 - a) d + a c-2,  c1 = (1 - b) d + b c2
-    int right;      // clamped index of c1
     int free;       // index of d
-    bool coupled;   // the arc that starts here has one interval and two coefficients: c2 is the next joint's c-1
   };
-  std::vector<Joint> joint(static_cast<std::size_t>(joints));
+  struct Arc {
+    const Joint *before = nullptr, *after = nullptr;  // nullptr: an open end
+    int first, last;                                  // its clamped coefficients: c1 of the one, c-1 of the other joint
+    int own;                                          // index of the free coefficient that `first` has or would have
+  };
+  std::vector<Joint> joint(static_cast<std::size_t>(arc_count));
+  std::vector<Arc> arc(static_cast<std::size_t>(arc_count));
   const auto spacing = [&](int interval) {
     return breaks_[static_cast<std::size_t>(interval) + 1] - breaks_[static_cast<std::size_t>(interval)];
   };
-  int right = 1, free = 0;
-  for (int j = 0; j < joints; ++j) {
-    const auto J = static_cast<std::size_t>(j);
-    const int first = at[J], length = at[J + 1] - first;
-    const auto before = static_cast<std::size_t>((j + joints - 1) % joints);
-    const int last = at[before + 1] - 1, length_before = at[before + 1] - at[before];
+  int row = 1, free = periodic_ ? 0 : 1;
+  for (int j = 0; j < arc_count; ++j) {
+    const auto J = static_cast<std::size_t>(j), previous = static_cast<std::size_t>((j + arc_count - 1) % arc_count);
+    const int begin = at[J], length = at[J + 1] - begin;
+    const int last = at[previous + 1] - 1, length_before = at[previous + 1] - at[previous];
     const double a1 = spacing(last), a2 = length_before > 1 ? spacing(last - 1) : 0;
-    const double b1 = spacing(first), b2 = length > 1 ? spacing(first + 1) : 0;
+    const double b1 = spacing(begin), b2 = length > 1 ? spacing(begin + 1) : 0;
     const double P = (q - 1) / (b1 * (b1 + b2)), Q = (q - 1) / (a1 * (a1 + a2));
     const double R = ((q - 1) * (1 / a1 + 1 / b1) + jump) / (a1 + b1);
-    const int inner = length + q - 4;  // coefficients of the arc other than c1 and the next c-1
-    joint[J] = {a1, b1, Q / (Q + R), P / (P + R), right, free, inner == 0};
-    right += inner + 2;
-    free += inner + 1;
+    joint[J] = {a1, b1, Q / (Q + R), P / (P + R), free};
+    const bool joint_before = periodic_ || j > 0, joint_after = periodic_ || j + 1 < arc_count;
+    arc[J] = {joint_before ? &joint[J] : nullptr,
+              joint_after ? &joint[static_cast<std::size_t>((j + 1) % arc_count)] : nullptr, row, row + length + q - 3,
+              free};
+    row += length + q - 2;
+    free += length + q - 2 - (joint_after ? 1 : 0);
   }
+  const int count = row + 1;
+  if (!periodic_) ++free;
 
-  const int count = right + 1;
   Triplets entries;
-  std::vector<std::pair<int, double>> seam;  // F(0) = F(4) = (b1 c-1 + a1 c1)/(a1 + b1)
-  const auto put = [&](int row, int column, double value, double in_seam) {
-    entries.emplace_back(row, column, value);
-    if (in_seam != 0) seam.emplace_back(column, in_seam * value);
-  };
-  for (int j = 0; j < joints; ++j) {
-    const Joint& here = joint[static_cast<std::size_t>(j)];
-    const Joint& next = joint[static_cast<std::size_t>((j + 1) % joints)];
-    const int left = (j + 1 < joints ? next.right : count - 1) - 1;  // clamped index of the next joint's c-1
-    const double in_seam_right = j == 0 ? here.a1 / (here.a1 + here.b1) : 0;
-    const double in_seam_left = j + 1 == joints ? next.b1 / (next.a1 + next.b1) : 0;
-    const double a = next.a, b = here.b;
-    if (here.coupled) {
-      put(here.right, here.free, (1 - b) / (1 - a * b), in_seam_right);
-      put(here.right, next.free, b * (1 - a) / (1 - a * b), in_seam_right);
-      put(left, next.free, (1 - a) / (1 - a * b), in_seam_left);
-      put(left, here.free, a * (1 - b) / (1 - a * b), in_seam_left);
-    } else {
-      put(here.right, here.free, 1 - b, in_seam_right);
-      put(here.right, here.free + 1, b, in_seam_right);
-      for (int k = here.right + 1; k < left; ++k) put(k, here.free + k - here.right, 1, 0);
-      put(left, next.free, 1 - a, in_seam_left);
-      put(left, here.free + left - here.right - 1, a, in_seam_left);
+  for (const Arc& here : arc) {
+    const auto own = [&](int k) { return here.own + k - here.first; };
+    if (here.before && here.after && here.last == here.first + 1) {  // each is the other's c2 or c-2
+      const double a = here.after->a, b = here.before->b, whole = 1 - a * b;
+      entries.emplace_back(here.first, here.before->free, (1 - b) / whole);
+      entries.emplace_back(here.first, here.after->free, b * (1 - a) / whole);
+      entries.emplace_back(here.last, here.after->free, (1 - a) / whole);
+      entries.emplace_back(here.last, here.before->free, a * (1 - b) / whole);
+      continue;
+    }
+    for (int k = here.first; k <= here.last; ++k) {
+      if (k == here.first && here.before) {
+        entries.emplace_back(k, here.before->free, 1 - here.before->b);
+        entries.emplace_back(k, own(k + 1), here.before->b);
+      } else if (k == here.last && here.after) {
+        entries.emplace_back(k, here.after->free, 1 - here.after->a);
+        entries.emplace_back(k, own(k - 1), here.after->a);
+      } else {
+        entries.emplace_back(k, own(k), 1);
+      }
     }
   }
-  for (const auto& [column, value] : seam) {
-    entries.emplace_back(0, column, value);
-    entries.emplace_back(count - 1, column, value);
+  if (periodic_) {  // F(0) = F(4) = (b1 c-1 + a1 c1)/(a1 + b1)
+    const Joint& seam = joint.front();
+    Triplets of_seam;
+    for (const auto& entry : entries)
+      for (const auto& [from, share] : {std::pair{count - 2, seam.b1}, std::pair{1, seam.a1}})
+        if (entry.row() == from)
+          for (const int end : {0, count - 1})
+            of_seam.emplace_back(end, entry.col(), share / (seam.a1 + seam.b1) * entry.value());
+    entries.insert(entries.end(), of_seam.begin(), of_seam.end());
+  } else {
+    entries.emplace_back(0, 0, 1);
+    entries.emplace_back(count - 1, free - 1, 1);
   }
   extraction_.resize(count, free);
   extraction_.setFromTriplets(entries.begin(), entries.end());

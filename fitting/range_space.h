@@ -11,7 +11,7 @@
 
 namespace celadon {
 
-/// Which closed space in v.
+/// How spaces over arcs pass their joints.
 enum class JointContinuity {
   curvature,  ///< r(theta) is C2 across every joint (degrees 3 and up)
   thesis      ///< simple knots: C(q-1) in v, hence only C1 in theta at the joints
@@ -23,14 +23,13 @@ class RangeSpace {
   static RangeSpace constant(std::vector<double> breaks);
   /// Clamped splines of the given degree with simple interior knots at the breaks. @pre degree 1..5, breaks ascending
   static RangeSpace open(int degree, std::vector<double> breaks);
-  /// Splines closed around the full circle, uniform `intervals_per_arc` in v on each arc. Degrees 1 and 2, and
-  /// JointContinuity::thesis, have simple periodic knots; otherwise multiplicity degree - 1 at each joint and the
-  /// condition F''(v+) - F''(v-) = 4(1 - w) F'(v). @pre degree 1..5, arcs.closed()
-  static RangeSpace closed(int degree, const BaseArcs& arcs, int intervals_per_arc,
-                           JointContinuity continuity = JointContinuity::curvature);
-
+  /// Splines over base arcs, uniform `intervals_per_arc` in v on each: closed around the full circle, clamped at the
+  /// ends of an open range. Degrees 1 and 2, and JointContinuity::thesis, have simple knots; otherwise multiplicity
+  /// degree - 1 at each joint and the condition F''(v+) - F''(v-) = 4(1 - w) F'(v). @pre degree 1..5
+  static RangeSpace over(int degree, const BaseArcs& arcs, int intervals_per_arc,
+                         JointContinuity continuity = JointContinuity::curvature);
   /// The same over any breaks: ascending from 0 to arcs.count(), every joint among them.
-  static RangeSpace closed(int degree, const BaseArcs& arcs, std::vector<double> breaks, JointContinuity continuity);
+  static RangeSpace over(int degree, const BaseArcs& arcs, std::vector<double> breaks, JointContinuity continuity);
 
   int degree() const { return degree_; }
   bool periodic() const { return periodic_; }

@@ -28,7 +28,7 @@ struct Fit {
 
 // Dense least squares on equal angles, at least 8000 and 40 an interval.
 Fit fit(int degree, int intervals_per_arc, JointContinuity continuity) {
-  RangeSpace space = RangeSpace::closed(degree, kCircle, intervals_per_arc, continuity);
+  RangeSpace space = RangeSpace::over(degree, kCircle, intervals_per_arc, continuity);
   const int n = std::max(8000, 160 * intervals_per_arc);
   Eigen::VectorXd v(n), r(n);
   for (int i = 0; i < n; ++i) {

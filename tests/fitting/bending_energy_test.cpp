@@ -30,7 +30,7 @@ double energy_of(const FitSpace& space, const Eigen::MatrixXd& free, double r_me
 // r = z^2 all around: r_zz = 2, so E = 4 H 2 pi r_mean.
 TEST(BendingEnergy, OfAParabolaOfRevolutionIsItsClosedForm) {
   const FitSpace space{RangeSpace::open(3, test::even_breaks(0, 10, 4)),
-                       RangeSpace::closed(3, BaseArcs::full_circle(), 2)};
+                       RangeSpace::over(3, BaseArcs::full_circle(), 2)};
   // Coefficients of z^2: the blossom t_(i+1) t_(i+2) symmetrised over the three knots.
   Eigen::VectorXd u(space.u.free_count());
   const auto& k = space.u.knots();
@@ -45,7 +45,7 @@ TEST(BendingEnergy, OfAParabolaOfRevolutionIsItsClosedForm) {
 
 TEST(BendingEnergy, OfConstantsAndLinearSlopesIsZero) {
   const FitSpace space{RangeSpace::open(3, test::even_breaks(0, 10, 4)),
-                       RangeSpace::closed(4, BaseArcs::full_circle(), 3)};
+                       RangeSpace::over(4, BaseArcs::full_circle(), 3)};
   EXPECT_NEAR(energy_of(space, Eigen::MatrixXd::Constant(space.u.free_count(), space.v.free_count(), 30), 30), 0, 1e-9);
   Eigen::VectorXd greville(space.u.free_count());
   for (Eigen::Index i = 0; i < greville.size(); ++i) {
@@ -61,7 +61,7 @@ TEST(BendingEnergy, IsTheIntegralOfSecondDerivativesInMillimetres) {
   std::uniform_real_distribution<double> share(-1, 1);
   for (const int q : {3, 4}) {
     const FitSpace space{RangeSpace::open(3, test::even_breaks(0, 40, 2)),
-                         RangeSpace::closed(q, BaseArcs::full_circle(), 2)};
+                         RangeSpace::over(q, BaseArcs::full_circle(), 2)};
     const Eigen::MatrixXd free =
         Eigen::MatrixXd::NullaryExpr(space.u.free_count(), space.v.free_count(), [&] { return 30 + share(random); });
     std::vector<double> knots_u = space.u.knots();

@@ -22,7 +22,7 @@ RangeFunction random_function(int p, int q) {
   base.z_end_mm = 40;
   const auto u = p ? RangeSpace::open(p, {0, 0.03, 0.2, 0.5, 0.9, 1}) : RangeSpace::constant({0, 1});
   const auto v =
-      q ? RangeSpace::closed(q, base.arcs, 2, JointContinuity::curvature) : RangeSpace::constant({0, 1, 2, 3, 4});
+      q ? RangeSpace::over(q, base.arcs, 2, JointContinuity::curvature) : RangeSpace::constant({0, 1, 2, 3, 4});
   Eigen::MatrixXd free(u.free_count(), v.free_count());
   for (auto& c : free.reshaped()) c = 20 + 5 * share(random);
   return {base, p, q, u.knots(), v.knots(), u.extraction() * free * v.extraction().transpose()};

@@ -40,7 +40,7 @@ Cloud random_cloud(int n, unsigned seed) {
 
 FitSpace space(int p, int q, int intervals, int per_arc, JointContinuity continuity = JointContinuity::curvature) {
   return {p == 0 ? RangeSpace::constant({0, 120}) : RangeSpace::open(p, even_breaks(0, 120, intervals)),
-          q == 0 ? RangeSpace::constant({0, 4}) : RangeSpace::closed(q, BaseArcs::full_circle(), per_arc, continuity)};
+          q == 0 ? RangeSpace::constant({0, 4}) : RangeSpace::over(q, BaseArcs::full_circle(), per_arc, continuity)};
 }
 
 // Against least squares on the samples themselves: QR of the design matrix, its basis by Cox - de Boor.

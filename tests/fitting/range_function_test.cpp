@@ -176,7 +176,7 @@ TEST(RangeFunction, OffCentreCircleHasConstantCurvatureAcrossTheJoints) {
   const double R = 20, d = 6;
   const auto radius = [&](double t) { return d * std::cos(t) + std::sqrt(R * R - d * d * std::sin(t) * std::sin(t)); };
   const BaseArcs circle = BaseArcs::full_circle();
-  const RangeSpace space = RangeSpace::closed(5, circle, 16);
+  const RangeSpace space = RangeSpace::over(5, circle, 16);
   const int n = 4000;
   Eigen::VectorXd v(n), r(n);
   for (int i = 0; i < n; ++i) v[i] = circle.v_of_theta((i + 0.5) / n * 2 * kPi), r[i] = radius((i + 0.5) / n * 2 * kPi);

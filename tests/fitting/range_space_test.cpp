@@ -19,13 +19,14 @@ constexpr double kPi = std::numbers::pi;
 
 // Largest jumps of r, r', r'' in theta over all joints, relative to the largest size each reaches there. The end
 // derivatives of the synchronisation in closed form, not from the code.
-Eigen::Vector3d jumps_in_theta(const RangeSpace& space, const Eigen::VectorXd& free) {
-  const double w = std::sqrt(0.5), first = 1 / (2 * std::sqrt(1 - w * w)), second = 1 / (2 * (1 + w));
+Eigen::Vector3d jumps_in_theta(const RangeSpace& space, const Eigen::VectorXd& free,
+                               const BaseArcs& arcs = BaseArcs::full_circle()) {
+  const double w = std::cos(arcs.arc_rad() / 2), first = 1 / (2 * std::sqrt(1 - w * w)), second = 1 / (2 * (1 + w));
   Eigen::Vector3d jump = Eigen::Vector3d::Zero(), size = Eigen::Vector3d::Constant(1e-300);
-  for (int j = 0; j < 4; ++j) {
+  for (int j = arcs.closed() ? 0 : 1; j < arcs.count(); ++j) {
     const int right = test::interval_of(space, j);
     const int left = j == 0 ? space.intervals() - 1 : right - 1;
-    const Eigen::Vector3d F = test::from_tables(space, free, left, j == 0 ? 4 : j);
+    const Eigen::Vector3d F = test::from_tables(space, free, left, j == 0 ? arcs.count() : j);
     const Eigen::Vector3d G = test::from_tables(space, free, right, j);
     const Eigen::Vector3d before(F[0], F[1] * first, F[2] * first * first + F[1] * second);
     const Eigen::Vector3d after(G[0], G[1] * first, G[2] * first * first - G[1] * second);
@@ -66,10 +67,10 @@ TEST(RangeSpace, ExtractionIsSoundForAllDegreesAndLayouts) {
   for (int q = 1; q <= 5; ++q) {
     for (const auto& breaks : layouts()) {
       const int n = static_cast<int>(breaks.size()) - 1;
-      const RangeSpace curved = RangeSpace::closed(q, circle, breaks, JointContinuity::curvature);
+      const RangeSpace curved = RangeSpace::over(q, circle, breaks, JointContinuity::curvature);
       expect_sound(curved);
       EXPECT_EQ(curved.free_count(), q < 3 ? n : n + 4 * (q - 3));
-      const RangeSpace thesis = RangeSpace::closed(q, circle, breaks, JointContinuity::thesis);
+      const RangeSpace thesis = RangeSpace::over(q, circle, breaks, JointContinuity::thesis);
       EXPECT_EQ(thesis.free_count(), n);
       if (n > q) expect_sound(thesis);
       for (const RangeSpace& space : {curved, thesis}) {
@@ -99,7 +100,7 @@ TEST(RangeSpace, GoldenFitsByNullSpaces) {
     int dimension = 0, values = 0;
     file >> dimension >> values;
     const RangeSpace space =
-        RangeSpace::closed(degree, circle, breaks, curvature ? JointContinuity::curvature : JointContinuity::thesis);
+        RangeSpace::over(degree, circle, breaks, curvature ? JointContinuity::curvature : JointContinuity::thesis);
     EXPECT_EQ(space.free_count(), dimension) << "degree " << degree << " curvature " << curvature;
     const Eigen::VectorXd free = test::collocation(space, v).colPivHouseholderQr().solve(r);
     for (int i = 0; i < values; ++i) {
@@ -119,7 +120,7 @@ TEST(RangeSpace, RadiusIsC2InThetaAtEveryJoint) {
   std::mt19937_64 random(3);
   for (int q = 3; q <= 5; ++q) {
     for (const auto& breaks : layouts()) {
-      const RangeSpace space = RangeSpace::closed(q, circle, breaks, JointContinuity::curvature);
+      const RangeSpace space = RangeSpace::over(q, circle, breaks, JointContinuity::curvature);
       const Eigen::Vector3d jump = jumps_in_theta(space, random_vector(random, space.free_count()));
       EXPECT_LE(jump.maxCoeff(), 1e-12) << "degree " << q << ": " << jump.transpose();
     }
@@ -130,7 +131,7 @@ TEST(RangeSpace, ThesisSpaceIsOnlyC1InThetaAtTheJoints) {
   const BaseArcs circle = BaseArcs::full_circle();
   std::mt19937_64 random(4);
   for (int q = 3; q <= 5; ++q) {
-    const RangeSpace space = RangeSpace::closed(q, circle, 4, JointContinuity::thesis);
+    const RangeSpace space = RangeSpace::over(q, circle, 4, JointContinuity::thesis);
     const Eigen::VectorXd free = random_vector(random, space.free_count());
     const Eigen::Vector3d jump = jumps_in_theta(space, free);
     EXPECT_LE(jump.head<2>().maxCoeff(), 1e-12);
@@ -149,7 +150,7 @@ RC_GTEST_PROP(RangeSpace, RandomKnotsAreC2AndSound, (unsigned seed)) {
   std::mt19937_64 random(seed);
   const int q = std::uniform_int_distribution<int>(3, 5)(random);
   const RangeSpace space =
-      RangeSpace::closed(q, BaseArcs::full_circle(), test::random_closed_breaks(random), JointContinuity::curvature);
+      RangeSpace::over(q, BaseArcs::full_circle(), test::random_closed_breaks(random), JointContinuity::curvature);
   const Eigen::MatrixXd E = space.extraction();
   RC_ASSERT(E.minCoeff() >= 0);
   RC_ASSERT((E.rowwise().sum().array() - 1).abs().maxCoeff() <= 1e-15);
@@ -165,8 +166,8 @@ RC_GTEST_PROP(RangeSpace, TablesAgreeWithTheBSplineForm, (unsigned seed)) {
   const auto breaks = test::random_closed_breaks(random);
   const RangeSpace space = kind == 0
                                ? RangeSpace::open(q, breaks)
-                               : RangeSpace::closed(q, BaseArcs::full_circle(), breaks,
-                                                    kind == 1 ? JointContinuity::curvature : JointContinuity::thesis);
+                               : RangeSpace::over(q, BaseArcs::full_circle(), breaks,
+                                                  kind == 1 ? JointContinuity::curvature : JointContinuity::thesis);
   RC_ASSERT(space.breaks() == breaks);
   RC_ASSERT(space.knots().size() == static_cast<std::size_t>(space.extraction().rows() + q + 1));
   const Eigen::VectorXd free = random_vector(random, space.free_count());
@@ -187,10 +188,55 @@ RC_GTEST_PROP(RangeSpace, TablesAgreeWithTheBSplineForm, (unsigned seed)) {
   }
 }
 
+// Breaks of an open range as a property test's seed gives them: some of the closed ones'.
+std::vector<double> first_arcs(std::vector<double> breaks, int arcs) {
+  std::erase_if(breaks, [&](double t) { return t > arcs; });
+  return breaks;
+}
+
+RC_GTEST_PROP(RangeSpace, OpenRangesAreC2AtTheirJointsAndFreeAtTheirEnds, (unsigned seed)) {
+  std::mt19937_64 random(seed);
+  const int q = std::uniform_int_distribution<int>(3, 5)(random);
+  const BaseArcs arcs = BaseArcs::open(test::uniform(random, -4, 4), test::uniform(random, 0.01, 2 * kPi));
+  const auto breaks = first_arcs(test::random_closed_breaks(random), arcs.count());
+  const RangeSpace space = RangeSpace::over(q, arcs, breaks, JointContinuity::curvature);
+  RC_ASSERT(!space.periodic());
+  // Simple knots and C2 or more everywhere in theta: one unknown an interval, and q more; degrees over 3 have more
+  // freedom at a joint (multiplicity q - 1 less one condition).
+  RC_ASSERT(space.free_count() == space.intervals() + q + (arcs.count() - 1) * (q - 3));
+  const Eigen::MatrixXd E = space.extraction();
+  RC_ASSERT(E.minCoeff() >= 0);
+  RC_ASSERT((E.rowwise().sum().array() - 1).abs().maxCoeff() <= 1e-15);
+  RC_ASSERT(E.fullPivLu().rank() == E.cols());
+  RC_ASSERT(E(0, 0) == 1 && E(E.rows() - 1, E.cols() - 1) == 1);
+  if (arcs.count() > 1) {
+    RC_ASSERT(jumps_in_theta(space, random_vector(random, space.free_count()), arcs).maxCoeff() <= 1e-12);
+  }
+}
+
+// What is smooth in theta is followed across the joints of an open range as in between: fourth order for cubics.
+TEST(RangeSpace, OpenRangesFollowASmoothFunctionInFourthOrder) {
+  const BaseArcs arcs = BaseArcs::open(0.4, 5.1);
+  const auto error = [&](int intervals_per_arc) {
+    const RangeSpace space = RangeSpace::over(3, arcs, intervals_per_arc, JointContinuity::curvature);
+    const int n = 4000;
+    Eigen::VectorXd v(n), r(n);
+    for (int i = 0; i < n; ++i) {
+      const double theta = 0.4 + 5.1 * (i + 0.5) / n;
+      v[i] = arcs.v_of_theta(theta), r[i] = test::wavy_radius(theta);
+    }
+    const Eigen::MatrixXd A = test::collocation(space, v);
+    return (A * A.householderQr().solve(r) - r).cwiseAbs().maxCoeff();
+  };
+  const double coarse = error(16), fine = error(32);
+  EXPECT_LT(fine, 2e-5);
+  EXPECT_GT(coarse / fine, 12);
+}
+
 TEST(RangeSpace, EveryFunctionIsSomewhereAndConstantsAreIn) {
   for (int q = 1; q <= 5; ++q) {
     for (const auto continuity : {JointContinuity::curvature, JointContinuity::thesis}) {
-      const RangeSpace space = RangeSpace::closed(q, BaseArcs::full_circle(), 3, continuity);
+      const RangeSpace space = RangeSpace::over(q, BaseArcs::full_circle(), 3, continuity);
       std::set<int> seen;
       const Eigen::VectorXd ones = Eigen::VectorXd::Ones(space.free_count());
       for (int i = 0; i < space.intervals(); ++i) {
@@ -207,7 +253,7 @@ TEST(RangeSpace, OrderFollowsTheParameter) {
   // Centres of mass of the functions, taken on the circle, advance with the index.
   for (int q = 1; q <= 5; ++q) {
     for (const auto continuity : {JointContinuity::curvature, JointContinuity::thesis}) {
-      const RangeSpace space = RangeSpace::closed(q, BaseArcs::full_circle(), 6, continuity);
+      const RangeSpace space = RangeSpace::over(q, BaseArcs::full_circle(), 6, continuity);
       const int n = space.free_count();
       std::vector<double> centre;
       for (int k = 0; k < n; ++k) {
@@ -244,16 +290,15 @@ TEST(RangeSpace, ConstantAndOpen) {
   EXPECT_THROW(RangeSpace::open(3, {0, 0}), std::invalid_argument);
   EXPECT_THROW(RangeSpace::open(3, {0}), std::invalid_argument);
   EXPECT_THROW(RangeSpace::constant({1, 0}), std::invalid_argument);
-  EXPECT_THROW(RangeSpace::closed(3, BaseArcs::open(0, 1), 2), std::invalid_argument);
-  EXPECT_THROW(RangeSpace::closed(3, BaseArcs::full_circle(), 0), std::invalid_argument);
-  EXPECT_THROW(RangeSpace::closed(3, BaseArcs::full_circle(), {0, 1, 2, 4}, JointContinuity::curvature),
+  EXPECT_THROW(RangeSpace::over(3, BaseArcs::full_circle(), 0), std::invalid_argument);
+  EXPECT_THROW(RangeSpace::over(3, BaseArcs::full_circle(), {0, 1, 2, 4}, JointContinuity::curvature),
                std::invalid_argument);
 }
 
 // Largest error of the least squares fit of the test function at 8000 angles.
 double fit_error(int q, int intervals_per_arc, JointContinuity continuity) {
   const BaseArcs circle = BaseArcs::full_circle();
-  const RangeSpace space = RangeSpace::closed(q, circle, intervals_per_arc, continuity);
+  const RangeSpace space = RangeSpace::over(q, circle, intervals_per_arc, continuity);
   const int n = 8000;
   Eigen::VectorXd v(n), r(n);
   for (int i = 0; i < n; ++i) {
@@ -282,7 +327,7 @@ TEST(RangeSpace, ErrorsFallAsFourthPowerAgainstSquare) {
 TEST(RangeSpace, GramMatrixIsAsWellConditionedAsAUniformSpline) {
   const BaseArcs circle = BaseArcs::full_circle();
   for (const int m : {1, 2, 4, 8, 16}) {
-    const RangeSpace space = RangeSpace::closed(3, circle, m);
+    const RangeSpace space = RangeSpace::over(3, circle, m);
     const int n = 160 * m;
     Eigen::VectorXd v(n);
     for (int i = 0; i < n; ++i) v[i] = circle.v_of_theta((i + 0.5) / n * 2 * kPi);

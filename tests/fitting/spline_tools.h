@@ -110,7 +110,7 @@ inline RangeSpace random_space_u(std::mt19937_64& random, int degree) {
 inline RangeSpace random_space_v(std::mt19937_64& random, int degree) {
   if (degree == 0) return RangeSpace::constant({0, 1, 2, 3, 4});
   const auto kind = random() % 2 ? JointContinuity::curvature : JointContinuity::thesis;
-  return RangeSpace::closed(degree, BaseArcs::full_circle(), random_closed_breaks(random), kind);
+  return RangeSpace::over(degree, BaseArcs::full_circle(), random_closed_breaks(random), kind);
 }
 
 /// A range function of random coefficients around 30 mm in the given spaces. @pre space_u over [0, 1]

@@ -111,7 +111,7 @@ TEST(SymbolicProduct, RevolutionIsExactAtDegrees_p_2) {
 TEST(SymbolicProduct, TranslationalHasDegrees_1_q2) {
   std::mt19937_64 random(4);
   const RangeFunction f = test::random_function(random, RangeSpace::constant({0, 1}),
-                                                RangeSpace::closed(3, BaseArcs::full_circle(), 4), band(0, 90));
+                                                RangeSpace::over(3, BaseArcs::full_circle(), 4), band(0, 90));
   const NurbsSurface s = symbolic_product(f);
   EXPECT_EQ(s.degree_u, 1);
   EXPECT_EQ(s.degree_v, 5);
@@ -128,7 +128,7 @@ TEST(SymbolicProduct, KnotsHaveTheSmallestMultiplicities_A_7) {
       const int m = 4;
       const RangeFunction f =
           test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                RangeSpace::closed(q, BaseArcs::full_circle(), m, kind), band(0, 90));
+                                RangeSpace::over(q, BaseArcs::full_circle(), m, kind), band(0, 90));
       const NurbsSurface s = symbolic_product(f);
       const Breaks breaks = breaks_of(s.knots_v);
       for (std::size_t k = 0; k < breaks.values.size(); ++k) {
@@ -150,7 +150,7 @@ TEST(SymbolicProduct, KnotsHaveTheSmallestMultiplicities_A_7) {
 TEST(SymbolicProduct, NormalPointsInwardAndVolumeIsPositive) {
   std::mt19937_64 random(6);
   const RangeFunction f = test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                                RangeSpace::closed(3, BaseArcs::full_circle(), 3), band(0, 90), 5);
+                                                RangeSpace::over(3, BaseArcs::full_circle(), 3), band(0, 90), 5);
   const NurbsSurface s = symbolic_product(f);
   for (int k = 0; k < 200; ++k) {
     const double u = test::uniform(random, 0, 1), v = test::uniform(random, 0, 4);
@@ -175,7 +175,7 @@ TEST(SymbolicProduct, NormalPointsInwardAndVolumeIsPositive) {
 TEST(SymbolicProduct, CurvatureOfTheSurfaceIsTheRangeFunctions) {
   std::mt19937_64 random(7);
   const RangeFunction f = test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                                RangeSpace::closed(3, BaseArcs::full_circle(), 3), band(0, 90), 2);
+                                                RangeSpace::over(3, BaseArcs::full_circle(), 3), band(0, 90), 2);
   const NurbsSurface s = symbolic_product(f);
   for (int k = 0; k < 100; ++k) {
     const double u = test::uniform(random, 0, 1), v = test::uniform(random, 0, 4);
@@ -199,7 +199,7 @@ TEST(SymbolicProduct, CurvatureDoesNotJumpAtTheMeridians) {
     for (const auto kind : {JointContinuity::curvature, JointContinuity::thesis}) {
       const RangeFunction f =
           test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                RangeSpace::closed(q, BaseArcs::full_circle(), 4, kind), band(0, 90), 1);
+                                RangeSpace::over(q, BaseArcs::full_circle(), 4, kind), band(0, 90), 1);
       const NurbsSurface s = symbolic_product(f);
       double largest = 0;
       for (int j = 0; j < 4; ++j) largest = std::max(largest, std::abs(test::curvature_jump(s, 0.3, j, 1.0 / 512)));
@@ -216,7 +216,7 @@ TEST(SymbolicProduct, CurvatureDoesNotJumpAtTheMeridians) {
 TEST(SymbolicProduct, SeamIsOneColumnOfControlPoints) {
   std::mt19937_64 random(10);
   const RangeFunction f = test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                                RangeSpace::closed(3, BaseArcs::full_circle(), 3), band(0, 90));
+                                                RangeSpace::over(3, BaseArcs::full_circle(), 3), band(0, 90));
   Eigen::MatrixXd c = f.coefficients();
   c.rightCols(1) *= 1 + 1e-13;
   const NurbsSurface s = symbolic_product({f.base(), 3, 3, f.knots_u(), f.knots_v(), c});
