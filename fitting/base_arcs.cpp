@@ -288,6 +288,36 @@ void BaseArcs::synchronise(const double* theta_rad, std::size_t n, double* v) co
   HWY_DYNAMIC_DISPATCH(angles)(constants(*this), theta_rad, n, v);
 }
 
+// Ends that differ by rounding alone are within.
+bool BaseArcs::outside(double theta_rad, double v) const {
+  constexpr double kRounding = 1e-12, kAtAnEnd = 1e-9;
+  if (closed_ || (v > kAtAnEnd && v < count_ - kAtAnEnd)) return false;
+  const double half = count_ * arc_rad_ / 2;
+  return std::abs(std::remainder(theta_rad - start_rad_ - half, 2 * std::numbers::pi)) > half + kRounding;
+}
+
+void BaseArcs::place(const double* theta_rad, std::size_t n, double* v) const {
+  synchronise(theta_rad, n, v);
+  for (std::size_t k = 0; k < n; ++k) {
+    if (!std::isfinite(theta_rad[k])) {
+      v[k] = kNoAngle;
+    } else if (outside(theta_rad[k], v[k])) {
+      v[k] = kOutside;
+    }
+  }
+}
+
+void BaseArcs::place(const double* x, const double* y, std::size_t n, double* v, double* r) const {
+  synchronise(x, y, n, v, r);
+  for (std::size_t k = 0; k < n; ++k) {
+    if (!std::isfinite(x[k]) || !std::isfinite(y[k])) {
+      v[k] = kNoAngle;
+    } else if (r[k] > 0 && outside(std::atan2(y[k], x[k]), v[k])) {
+      v[k] = kOutside;
+    }
+  }
+}
+
 std::vector<double> BaseArcs::knots() const {
   std::vector<double> knots{0, 0, 0};
   for (int j = 1; j < count_; ++j) knots.insert(knots.end(), 2, j);

@@ -36,6 +36,12 @@ class BaseArcs {
   void synchronise(const double* x, const double* y, std::size_t n, double* v, double* r) const;
   /// v of angles; SIMD. Arrays of length n.
   void synchronise(const double* theta_rad, std::size_t n, double* v) const;
+  /// The same for samples, of which some may have no place on the arcs: those get kNoAngle or kOutside.
+  void place(const double* theta_rad, std::size_t n, double* v) const;
+  void place(const double* x, const double* y, std::size_t n, double* v, double* r) const;
+  static constexpr double kNoAngle = -1;  ///< an angle or coordinate that is not finite
+  static constexpr double kOutside = -2;  ///< not within an open range
+  bool operator==(const BaseArcs&) const = default;
 
   /// Clamped knot vector of degree 2 with full multiplicity at the joints (2.3).
   std::vector<double> knots() const;
@@ -43,6 +49,7 @@ class BaseArcs {
   Eigen::MatrixX3d control_points() const;
 
  private:
+  bool outside(double theta_rad, double v) const;
   int count_ = 4;
   double start_rad_ = 0, arc_rad_ = 0, weight_ = 0;
   bool closed_ = true;

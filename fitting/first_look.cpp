@@ -14,10 +14,10 @@ void FirstLook::add(const Profile& profile) {
   profiles_ += profile.order == ProfileOrder::rows ? 1 : std::numeric_limits<double>::infinity();
   covariances_ = covariances_ || !profile.covariance.empty();
   v_.resize(n);
-  arcs_.synchronise(profile.theta_rad.data(), n, v_.data());
+  arcs_.place(profile.theta_rad.data(), n, v_.data());
   for (std::size_t k = 0; k < n; ++k) {
     const double r = profile.r_mm[k], z = profile.z_mm[k];
-    if (!(r > 0 && std::isfinite(r) && std::isfinite(profile.theta_rad[k]))) continue;
+    if (!(r > 0 && std::isfinite(r) && v_[k] >= 0)) continue;
     if (!(z >= specification_.z_start_mm && z <= specification_.z_end_mm)) continue;
     samples_.add([&] { return SamplePoint{r, v_[k], z}; });
     extents_.add(v_[k], z);

@@ -59,9 +59,10 @@ NormalEquations FitLadder::equations(int level_u, int level_v, Variation variati
 }
 
 int FitLadder::unknowns(int level_u, int level_v, Variation variation) const {
-  const int m = intervals_per_arc(level_v), arcs = sums_.arcs().count();
-  const bool plain = degree_v_ <= 2 || continuity_ == JointContinuity::thesis;
-  const int v = plain ? arcs * m : arcs * (m + degree_v_ - 3);
+  const int arcs = sums_.arcs().count(), intervals = arcs * intervals_per_arc(level_v);
+  const bool plain = degree_v_ <= 2 || continuity_ == JointContinuity::thesis, closed = sums_.arcs().closed();
+  const int at_joints = plain ? 0 : (closed ? arcs : arcs - 1) * (degree_v_ - 3);
+  const int v = intervals + at_joints + (closed ? 0 : degree_v_);
   return (variation.along_u ? intervals_u(level_u) + degree_u_ : 1) * (variation.around_v ? v : 1);
 }
 

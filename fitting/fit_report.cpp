@@ -63,8 +63,10 @@ std::optional<FitError> refuse(const CoveredBand& band, bool whole_turn) {
              "whole turn, or check the axis",
              band.lowest_mm, band.highest_mm, band.sectors_with_samples, band.sectors)};
   if (whole_turn && 2 * band.sectors_with_samples < band.sectors)
-    return FitError{text("only %d of %d sectors around the axis have samples; scan at least half of the turn",
-                         band.sectors_with_samples, band.sectors)};
+    return FitError{
+        text("only %d of %d sectors around the axis have samples; scan at least half of the turn, or fit "
+             "the part that was scanned",
+             band.sectors_with_samples, band.sectors)};
   return std::nullopt;
 }
 
@@ -90,10 +92,11 @@ std::optional<FitError> refuse_crossing(const RangeFunction& function) {
              along = function.coefficients().rows() * kPerCoefficient;
   double least = std::numeric_limits<double>::infinity(), at_theta = 0, at_z = 0;
   for (Eigen::Index i = 0; i <= along; ++i)
-    for (Eigen::Index j = 0; j < around; ++j) {
+    for (Eigen::Index j = 0; j <= around; ++j) {
       const double f = static_cast<double>(i) / static_cast<double>(along);
       const double z = (1 - f) * base.z_start_mm + f * base.z_end_mm;
-      const double theta = 2 * std::numbers::pi * static_cast<double>(j) / static_cast<double>(around);
+      const double v = base.arcs.count() * static_cast<double>(j) / static_cast<double>(around);
+      const double theta = base.arcs.theta_of_v(v);
       if (const double r = function(theta, z); r < least) least = r, at_theta = theta, at_z = z;
     }
   if (least > 0) return std::nullopt;

@@ -38,15 +38,22 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
 
   EvenSample<double> sample(kHeights);
   double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, sum_r = 0;
-  std::size_t good = 0, on_axis = 0, total = 0;
+  std::size_t good = 0, on_axis = 0, outside = 0, total = 0;
+  std::vector<double> v;
   profiles.rewind();
-  while (const Profile* profile = profiles.next())
+  while (const Profile* profile = profiles.next()) {
+    v.resize(profile->size());
+    options.arcs.place(profile->theta_rad.data(), profile->size(), v.data());
     for (std::size_t k = 0; k < profile->size(); ++k) {
       const double r = profile->r_mm[k], z = profile->z_mm[k];
       ++total;
-      if (!std::isfinite(r) || !std::isfinite(z) || !std::isfinite(profile->theta_rad[k])) continue;
+      if (!std::isfinite(r) || !std::isfinite(z) || v[k] == BaseArcs::kNoAngle) continue;
       if (r <= 0) {
         ++on_axis;
+        continue;
+      }
+      if (v[k] == BaseArcs::kOutside) {
+        ++outside;
         continue;
       }
       ++good;
@@ -55,7 +62,13 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
       highest = std::max(highest, z);
       sample.add([&] { return z; });
     }
+  }
   if (total == 0) return tl::unexpected(FitError{text("there are no samples; scan the object or name another input")});
+  if (good == 0 && outside > 0)
+    return tl::unexpected(
+        FitError{text("none of the %zu samples lies in the angular range from %.6g over %.6g degrees; widen the range",
+                      total, options.arcs.start_rad() * 180 / std::numbers::pi,
+                      options.arcs.count() * options.arcs.arc_rad() * 180 / std::numbers::pi)});
   if (good == 0 && on_axis > 0)
     return tl::unexpected(
         FitError{text("all %zu samples lie on the axis (r = 0); check the axis and the units", on_axis)});
@@ -68,6 +81,7 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
   const double low = quantile(heights, kStrayShare), high = quantile(heights, 1 - kStrayShare);
   const double reach = kStrayReach * (high - low);
   GridSpecification grid;
+  grid.arcs = options.arcs;
   grid.z_start_mm = lowest < low - reach ? low - reach : lowest;
   grid.z_end_mm = highest > high + reach ? high + reach : highest;
   if (!(grid.z_end_mm > grid.z_start_mm))
@@ -82,15 +96,16 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
   }
   // Cells about as high as wide, as many as the samples fill.
   const double height = grid.z_end_mm - grid.z_start_mm,
-               around = 2 * std::numbers::pi * sum_r / static_cast<double>(good);
+               around = grid.arcs.count() * grid.arcs.arc_rad() * sum_r / static_cast<double>(good);
   const double ratio = height / around;
+  const int arcs = grid.arcs.count();
   grid.intervals_per_arc = kLargestAround;
   grid.z_intervals =
-      std::clamp(static_cast<int>(std::exp2(std::round(std::log2(4 * kLargestAround * ratio)))), 16, kLargestAlong);
-  const auto cells = [&] { return 4.0 * grid.intervals_per_arc * grid.z_intervals; };
+      std::clamp(static_cast<int>(std::exp2(std::round(std::log2(arcs * kLargestAround * ratio)))), 16, kLargestAlong);
+  const auto cells = [&] { return static_cast<double>(arcs) * grid.intervals_per_arc * grid.z_intervals; };
   const double largest = std::min(static_cast<double>(good) / kSamplesPerCell, static_cast<double>(kLargestCells));
   while (cells() > largest && (grid.z_intervals > 1 || grid.intervals_per_arc > 1)) {
-    const bool flat = height / grid.z_intervals < around / (4 * grid.intervals_per_arc);
+    const bool flat = height / grid.z_intervals < around / (arcs * grid.intervals_per_arc);
     if ((flat && grid.z_intervals > 1) || grid.intervals_per_arc == 1) {
       grid.z_intervals /= 2;
     } else {

@@ -62,14 +62,14 @@ void MomentGrid::count_rejected(std::span<const double> r, std::span<const doubl
                                 std::span<const double> weight) {
   const auto& s = specification_;
   for (std::size_t k = 0; k < r.size(); ++k) {
-    if (!std::isfinite(r[k]) || !(v[k] >= 0) || !std::isfinite(z[k]) ||
+    if (!std::isfinite(r[k]) || std::isnan(v[k]) || v[k] == BaseArcs::kNoAngle || !std::isfinite(z[k]) ||
         (!weight.empty() && !(weight[k] > 0 && std::isfinite(weight[k])))) {
       ++rejected_not_finite_;
     } else if (r[k] <= 0) {
       ++rejected_on_axis_;
     } else {
       const double x = (z[k] - s.z_start_mm) * (s.z_intervals / (s.z_end_mm - s.z_start_mm));
-      if (!(x >= 0 && x <= s.z_intervals)) ++rejected_outside_;
+      if (v[k] < 0 || !(x >= 0 && x <= s.z_intervals)) ++rejected_outside_;
     }
   }
 }
@@ -81,8 +81,7 @@ void MomentGrid::add(std::span<const double> r, std::span<const double> theta, s
   std::array<double, kBlock> v;
   for (std::size_t k = 0; k < r.size(); k += kBlock) {
     const std::size_t n = std::min(kBlock, r.size() - k);
-    arcs_.synchronise(theta.data() + k, n, v.data());
-    for (std::size_t i = 0; i < n; ++i) v[i] = std::isfinite(theta[k + i]) ? v[i] : -1;
+    arcs().place(theta.data() + k, n, v.data());
     add_synchronised(r.subspan(k, n), std::span(v).first(n), z.subspan(k, n),
                      weight.empty() ? weight : weight.subspan(k, n));
   }
@@ -105,7 +104,8 @@ void MomentGrid::add_synchronised(std::span<const double> r, std::span<const dou
 
 void MomentGrid::add_constant_theta(double theta, std::span<const double> r, std::span<const double> z) {
   require_lengths(r.size(), z.size(), z.size(), "add_constant_theta");
-  const double v = std::isfinite(theta) ? arcs_.v_of_theta(theta) : -1;
+  double v = 0;
+  arcs().place(&theta, 1, &v);
   const auto grid = kernel_grid(specification_, layout_, v_cells(), cells_.data());
   const bool positive = moment_kernels::all_positive(r.data(), r.size());
   const std::size_t good = moment_kernels::add_profile(grid, v, r.data(), z.data(), r.size(), positive);
@@ -122,7 +122,7 @@ void MomentGrid::add_cartesian(std::span<const double> x, std::span<const double
   std::array<double, kBlock> v, r;
   for (std::size_t k = 0; k < x.size(); k += kBlock) {
     const std::size_t n = std::min(kBlock, x.size() - k);
-    arcs_.synchronise(x.data() + k, y.data() + k, n, v.data(), r.data());
+    arcs().place(x.data() + k, y.data() + k, n, v.data(), r.data());
     const std::size_t good = moment_kernels::add_block(grid, r.data(), z.data() + k, v.data(), nullptr, n);
     samples_ += good;
     if (good < n) count_rejected(std::span(r).first(n), std::span(v).first(n), z.subspan(k, n), {});
@@ -135,6 +135,7 @@ void MomentGrid::add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1
   const auto columns = static_cast<std::size_t>(r.cols());
   require_lengths(columns, z.size(), columns, "add_regular");
   if (r.rows() == 0 || columns == 0) return;
+  if (!arcs().closed()) throw std::invalid_argument("MomentGrid::add_regular: rows go all around, the arcs do not");
   const auto& spec = specification_;
   const int p = spec.degree_u, q = spec.degree_v;
   const double z_scale = spec.z_intervals / (spec.z_end_mm - spec.z_start_mm);
@@ -200,7 +201,7 @@ void MomentGrid::add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1
       add_constant_theta(theta, {row, columns}, z);
       continue;
     }
-    const double y = arcs_.v_of_theta(theta) * spec.intervals_per_arc;
+    const double y = arcs().v_of_theta(theta) * spec.intervals_per_arc;
     const int v_cell = std::min(static_cast<int>(y), v_cells() - 1);
     if (v_cell != current) {
       flush();
@@ -229,6 +230,7 @@ void MomentGrid::merge(const MomentGrid& other) {
   if (a.z_start_mm != b.z_start_mm || a.z_end_mm != b.z_end_mm) differs("band");
   if (a.z_intervals != b.z_intervals || a.intervals_per_arc != b.intervals_per_arc) differs("number of intervals");
   if (a.degree_u != b.degree_u || a.degree_v != b.degree_v) differs("degrees");
+  if (!(a.arcs == b.arcs)) differs("angular range");
   if (rule_ != other.rule_) differs("weight rule");
   for (std::size_t k = 0; k < cells_.size(); ++k) cells_[k] += other.cells_[k];
   samples_ += other.samples_;

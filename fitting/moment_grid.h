@@ -18,10 +18,11 @@ namespace celadon {
 
 /// What two sets of sums must agree on to be merged.
 struct GridSpecification {
-  double z_start_mm = 0, z_end_mm = 0;  ///< band of the grid, z_start < z_end
-  int z_intervals = 32;                 ///< a power of two, uniform over the band
-  int intervals_per_arc = 32;           ///< a power of two, uniform in v on each of the four arcs
-  int degree_u = 3, degree_v = 3;       ///< the largest degrees that can be solved for, 1..5
+  double z_start_mm = 0, z_end_mm = 0;      ///< band of the grid, z_start < z_end
+  int z_intervals = 32;                     ///< a power of two, uniform over the band
+  int intervals_per_arc = 32;               ///< a power of two, uniform in v on each arc
+  int degree_u = 3, degree_v = 3;           ///< the largest degrees that can be solved for, 1..5
+  BaseArcs arcs = BaseArcs::full_circle();  ///< the whole turn, or the open range that samples are taken from
   bool operator==(const GridSpecification&) const = default;
 };
 
@@ -41,7 +42,7 @@ class MomentGrid {
   /// Samples outside the band, with r <= 0 or not finite are counted as rejected, never added.
   void add(std::span<const double> r_mm, std::span<const double> theta_rad, std::span<const double> z_mm,
            std::span<const double> weight = {});
-  /// The same with v as BaseArcs gives it in place of theta; negative where an angle is not finite.
+  /// The same with v as BaseArcs::place() gives it in place of theta.
   void add_synchronised(std::span<const double> r_mm, std::span<const double> v, std::span<const double> z_mm,
                         std::span<const double> weight = {});
   /// Add a profile whose samples share one theta, z ascending or not: one-dimensional sums, one outer product a cell.
@@ -62,15 +63,15 @@ class MomentGrid {
   std::size_t rejected() const { return rejected_on_axis_ + rejected_not_finite_ + rejected_outside_; }
   std::size_t rejected_on_axis() const { return rejected_on_axis_; }        ///< r <= 0
   std::size_t rejected_not_finite() const { return rejected_not_finite_; }  ///< a NaN, an infinity or a weight <= 0
-  std::size_t rejected_outside() const { return rejected_outside_; }        ///< z outside the band
+  std::size_t rejected_outside() const { return rejected_outside_; }        ///< z outside the band, theta the range
   double sum_weight() const;
   double sum_weighted_range() const;
   double sum_weighted_square() const;
   std::size_t memory_bytes() const;
 
-  const BaseArcs& arcs() const { return arcs_; }
+  const BaseArcs& arcs() const { return specification_.arcs; }
   int z_cells() const { return specification_.z_intervals; }
-  int v_cells() const { return arcs_.count() * specification_.intervals_per_arc; }
+  int v_cells() const { return arcs().count() * specification_.intervals_per_arc; }
   /// Lower edge of a z cell; edge z_cells() is the end of the band.
   double z_edge_mm(int z_cell) const;
   const MomentLayout& layout() const { return layout_; }
@@ -87,7 +88,6 @@ class MomentGrid {
                       std::span<const double> weight);
   GridSpecification specification_;
   WeightRule rule_;
-  BaseArcs arcs_ = BaseArcs::full_circle();
   MomentLayout layout_;
   AlignedVector<double> cells_;
   std::size_t samples_ = 0, rejected_on_axis_ = 0, rejected_not_finite_ = 0, rejected_outside_ = 0;

@@ -28,6 +28,7 @@ const char* to_string(SurfaceModel model);  ///< "auto", "cylinder", "revolution
 struct RangeFitOptions {
   SurfaceModel model = SurfaceModel::automatic;
   int degree_u = 3, degree_v = 3;           ///< of F, 1..5, for the directions that are not constant
+  BaseArcs arcs = BaseArcs::full_circle();  ///< the whole turn, or the open range that is fitted
   double tolerance_mm = 0;                  ///< refine until the 95th percentile is below it; 0: until Cp stops falling
   std::optional<double> form_tolerance_mm;  ///< delta of the model selection; default systematic_mm, else 1e-9 x size
   double systematic_mm = 0;                 ///< systematic uncertainty of the calibration

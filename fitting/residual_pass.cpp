@@ -6,8 +6,7 @@ const Profile* ResidualPass::next() {
   profile_ = profiles_.next();
   if (!profile_) return nullptr;
   v_.resize(profile_->size());
-  arcs_.synchronise(profile_->theta_rad.data(), profile_->size(), v_.data());
-  for (std::size_t k = 0; k < v_.size(); ++k) v_[k] = std::isfinite(profile_->theta_rad[k]) ? v_[k] : -1;
+  arcs_.place(profile_->theta_rad.data(), profile_->size(), v_.data());
   return profile_;
 }
 

@@ -21,7 +21,7 @@ class ResidualPass {
  public:
   /// Rewinds the stream.
   ResidualPass(ProfileStream& profiles, const BaseArcs& arcs) : profiles_(profiles), arcs_(arcs) { profiles_.rewind(); }
-  /// The next profile with its v (-1 where an angle is not finite); nullptr after the last.
+  /// The next profile with its v (negative where BaseArcs::place() finds none); nullptr after the last.
   const Profile* next();
   const std::vector<double>& v() const { return v_; }
   /// Of the current profile.

@@ -81,7 +81,7 @@ RobustReference::RobustReference(const MomentGrid& sums, const FirstLook& look, 
   specification_.degree_u = degree_u;
   specification_.degree_v = degree_v;
   specification_.z_intervals = power_of_two_below(cells_.along());
-  specification_.intervals_per_arc = power_of_two_below(cells_.around() / sums.arcs().count());
+  specification_.intervals_per_arc = power_of_two_below(cells_.columns_with_samples() / sums.arcs().count());
 }
 
 void RobustReference::over_parts(const std::function<void(int part, std::size_t first, std::size_t last)>& work) const {

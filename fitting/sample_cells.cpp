@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 namespace celadon {
 namespace {
 constexpr double kCells = 2048, kSamplesPerCell = 12;
+constexpr int kGapColumns = 16;  // more than anything looks ahead
 }  // namespace
 
 const Cluster* SampleCell::accepted() const {
@@ -16,7 +16,10 @@ const Cluster* SampleCell::accepted() const {
 }
 
 SampleCells::SampleCells(const MomentGrid& sums, const std::vector<SamplePoint>& samples)
-    : z_start_(sums.specification().z_start_mm), z_end_(sums.specification().z_end_mm), arcs_(sums.arcs().count()) {
+    : z_start_(sums.specification().z_start_mm),
+      z_end_(sums.specification().z_end_mm),
+      turn_v_(sums.arcs().count()),
+      arc_rad_(sums.arcs().arc_rad()) {
   const double weight = static_cast<double>(std::max<std::size_t>(sums.samples(), 1));
   const double r = sums.sum_weight() > 0 ? sums.sum_weighted_range() / sums.sum_weight() : 1;
   int lowest = sums.z_cells(), highest = 0;
@@ -26,21 +29,25 @@ SampleCells::SampleCells(const MomentGrid& sums, const std::vector<SamplePoint>&
   const double used = std::max(highest - lowest, 1) / static_cast<double>(sums.z_cells());
   const double height = (z_end_ - z_start_) * used;
   const double cells = std::clamp(weight / kSamplesPerCell, 1.0, kCells);
-  cells_v_ = std::clamp(static_cast<int>(std::sqrt(cells * 2 * std::numbers::pi * r / height)), 4, 256);
+  cells_v_ = std::clamp(static_cast<int>(std::sqrt(cells * turn_v_ * arc_rad_ * r / height)), 4, 256);
   cells_z_ = std::clamp(static_cast<int>(cells / cells_v_ / used), 1, 1024);
   cell_height_ = (z_end_ - z_start_) / cells_z_;
+  if (!sums.arcs().closed()) {
+    turn_v_ *= 1 + static_cast<double>(kGapColumns) / cells_v_;
+    cells_v_ += gap_ = kGapColumns;
+  }
   cells_.resize(static_cast<std::size_t>(cells_z_) * static_cast<std::size_t>(cells_v_));
   for (const SamplePoint& sample : samples) keep(sample);
 }
 
 std::size_t SampleCells::index_of(double v, double z) const {
   const int i = std::clamp(static_cast<int>((z - z_start_) / cell_height_), 0, cells_z_ - 1);
-  const int j = std::clamp(static_cast<int>(v * cells_v_ / arcs_), 0, cells_v_ - 1);
+  const int j = std::clamp(static_cast<int>(v * cells_v_ / turn_v_), 0, cells_v_ - 1);
   return index(i, j);
 }
 
 double SampleCells::width_mm(double r) const {
-  return 2 * std::numbers::pi * r / cells_v_;
+  return turn_v_ * arc_rad_ * r / cells_v_;
 }
 
 double SampleCells::diagonal_mm(double r) const {

@@ -33,7 +33,8 @@ struct SampleCell {
   const Cluster* accepted() const;  ///< the first accepted one; nullptr: none
 };
 
-/// Cells about as high as wide, column by column around. At most 32 samples are kept of each.
+/// Cells about as high as wide, column by column around. At most 32 samples are kept of each. Empty columns follow on
+/// the last of an open range: its ends are no neighbours.
 class SampleCells {
  public:
   static constexpr std::size_t kPerCell = 32;
@@ -42,6 +43,7 @@ class SampleCells {
 
   int along() const { return cells_z_; }
   int around() const { return cells_v_; }
+  int columns_with_samples() const { return cells_v_ - gap_; }  ///< all but those behind an open range
   std::size_t size() const { return cells_.size(); }
   std::size_t index(int i, int j) const {
     return static_cast<std::size_t>(j) * static_cast<std::size_t>(cells_z_) + static_cast<std::size_t>(i);
@@ -67,12 +69,14 @@ class SampleCells {
   double height_mm() const { return cell_height_; }
   double width_mm(double r_mm) const;
   double diagonal_mm(double r_mm) const;
-  double arcs() const { return arcs_; }
+  /// v of all columns together, and the angle of a unit of v.
+  double turn_v() const { return turn_v_; }
+  double arc_rad() const { return arc_rad_; }
 
  private:
   void keep(const SamplePoint& sample);
-  double z_start_, z_end_, arcs_, cell_height_ = 1;
-  int cells_z_ = 1, cells_v_ = 1;
+  double z_start_, z_end_, turn_v_, arc_rad_, cell_height_ = 1;
+  int cells_z_ = 1, cells_v_ = 1, gap_ = 0;
   std::vector<SampleCell> cells_;
 };
 

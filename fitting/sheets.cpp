@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -48,13 +47,13 @@ bool by_key(const CellPoint& a, const CellPoint& b) {
   return a.key < b.key;
 }
 
-double wrapped(double dv, double arcs) {
-  return dv > arcs / 2 ? dv - arcs : (dv < -arcs / 2 ? dv + arcs : dv);
+double wrapped(double dv, double turn) {
+  return dv > turn / 2 ? dv - turn : (dv < -turn / 2 ? dv + turn : dv);
 }
 
 // Points of the neighbourhood inside the ellipsoid about p, against how many a flat surface would have there.
 bool has_company(const SampleCells& cells, std::size_t cell, const CellPoint& p) {
-  const double per_z = 1 / cells.height_mm(), per_v = cells.around() / cells.arcs(),
+  const double per_z = 1 / cells.height_mm(), per_v = cells.around() / cells.turn_v(),
                per_r = 2 / cells.diagonal_mm(p.r_mm);
   double inside = 0, points = 0, filled = 0;
   cells.visit_neighbourhood(cell, [&](std::size_t other) {
@@ -63,7 +62,7 @@ bool has_company(const SampleCells& cells, std::size_t cell, const CellPoint& p)
     for (const CellPoint& q : cells[other].points) {
       const double r = (q.r_mm - p.r_mm) * per_r;
       if (std::abs(r) > 1) continue;
-      const double z = (q.z_mm - p.z_mm) * per_z, v = wrapped(q.v - p.v, cells.arcs()) * per_v;
+      const double z = (q.z_mm - p.z_mm) * per_z, v = wrapped(q.v - p.v, cells.turn_v()) * per_v;
       inside += r * r + z * z + v * v <= 1;
     }
   });
@@ -134,8 +133,8 @@ class Clusters {
     double across = cb.z_low - ca.z_high;
     if (around) {
       across = cb.v_low - ca.v_high;
-      if (node(b).j < node(a).j) across += cells_.arcs();
-      across *= 2 * std::numbers::pi / cells_.arcs() * (ca.median + cb.median) / 2;
+      if (node(b).j < node(a).j) across += cells_.turn_v();
+      across *= cells_.arc_rad() * (ca.median + cb.median) / 2;
     }
     return {std::max(0.0, std::max(ca.low, cb.low) - std::min(ca.high, cb.high)), std::max(0.0, across)};
   }
@@ -143,7 +142,7 @@ class Clusters {
     return s.rise <= kSlope * s.distance + kMargin * cells_.diagonal_mm(r);
   }
   bool contradict(std::size_t a, std::size_t b) const {
-    return !lie_apart(cell(a), (*this)[a], (*this)[b], 1 / cells_.height_mm(), cells_.around() / cells_.arcs());
+    return !lie_apart(cell(a), (*this)[a], (*this)[b], 1 / cells_.height_mm(), cells_.around() / cells_.turn_v());
   }
 
  private:
@@ -197,8 +196,8 @@ void accept_sheets(Clusters& clusters) {
             contradicted || (b != n && clusters[b].accepted && sheets.find(b) != root && clusters.contradict(n, b));
       sheet.contradicted += contradicted;
     }
-    const bool large =
-        sheet.samples >= kLargeShare * of[order.front()].samples || 4 * sheet.columns >= 3 * cells.around();
+    const bool large = sheet.samples >= kLargeShare * of[order.front()].samples ||
+                       4 * sheet.columns >= 3 * cells.columns_with_samples();
     const bool body =
         root == order.front() ||
         (sheet.cells >= kSheetCells && sheet.contradicted < (large ? kLargeContradicted : kContradicted) * sheet.cells);
@@ -248,13 +247,13 @@ void refuse_handles(Clusters& clusters) {
     if (clusters[n].accepted) of[runs.find(n)].nodes.push_back(n);
   for (Run& run : of) {
     const auto columns = static_cast<double>(run.nodes.size());
-    if (run.nodes.empty() || columns > kWidestShare * cells.around()) continue;
+    if (run.nodes.empty() || columns > kWidestShare * cells.columns_with_samples()) continue;
     double width = 0;
     std::array<double, 2> drop{1e300, 1e300};
     std::array<bool, 2> jump{false, false}, ends{false, false};
     for (const std::size_t n : run.nodes) {
       const Cluster& c = clusters[n];
-      width += (c.v_high - c.v_low) * 2 * std::numbers::pi / cells.arcs() * c.median;
+      width += (c.v_high - c.v_low) * cells.arc_rad() * c.median;
       for (const int direction : {-1, 1}) {
         const auto d = static_cast<std::size_t>(direction > 0);
         const auto next = neighbours(n, direction);

@@ -126,9 +126,8 @@ TEST(SymbolicProduct, KnotsHaveTheSmallestMultiplicities_A_7) {
   for (int q = 1; q <= 5; ++q) {
     for (const auto kind : {JointContinuity::curvature, JointContinuity::thesis}) {
       const int m = 4;
-      const RangeFunction f =
-          test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                RangeSpace::over(q, BaseArcs::full_circle(), m, kind), band(0, 90));
+      const RangeFunction f = test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
+                                                    RangeSpace::over(q, BaseArcs::full_circle(), m, kind), band(0, 90));
       const NurbsSurface s = symbolic_product(f);
       const Breaks breaks = breaks_of(s.knots_v);
       for (std::size_t k = 0; k < breaks.values.size(); ++k) {
