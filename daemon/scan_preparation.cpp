@@ -34,6 +34,7 @@ class MeanFrame {
   int count() const { return count_; }
   /// Empty without a frame.
   std::vector<std::uint8_t> mean() const {
+    if (count_ == 0) return {};
     std::vector<std::uint8_t> mean(sum_.size());
     for (std::size_t i = 0; i < mean.size(); ++i) {
       mean[i] = static_cast<std::uint8_t>((sum_[i] + count_ / 2) / count_);

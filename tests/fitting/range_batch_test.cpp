@@ -138,7 +138,7 @@ TEST(RangeBatch, SurfacePointsAreThoseOfTheRangeFunction) {
   BaseCylinder base = test::band(-7, 53);
   base.X_WB = test::random_placement(random);
   const RangeFunction f =
-      test::random_function(random, RangeSpace::open(3, {0, 0.3, 1}), RangeSpace::closed(3, base.arcs, 2), base);
+      test::random_function(random, RangeSpace::open(3, {0, 0.3, 1}), RangeSpace::over(3, base.arcs, 2), base);
   const Points at(random, base, 601);
   std::vector<SurfacePoint> points(at.theta.size());
   RangeBatch(f).surface_points(at.theta.data(), at.z.data(), points.size(), points.data());

@@ -44,7 +44,7 @@ TEST(Section, OfAnOffCentreCylinderConvergesToItsCircle) {
   const double R = 20, d = 6, a = 0.7;
   double last = 0;
   for (const int m : {4, 8, 16}) {
-    const RangeSpace space = RangeSpace::closed(3, BaseArcs::full_circle(), m);
+    const RangeSpace space = RangeSpace::over(3, BaseArcs::full_circle(), m);
     const BaseArcs arcs = BaseArcs::full_circle();
     const int n = 64 * m;
     Eigen::VectorXd v(n), r(n);
