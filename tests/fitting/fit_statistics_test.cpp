@@ -34,8 +34,8 @@ Inflation inflation_of(const test::MemoryStream& stream) {
   }
   return correlation.inflation();
 }
-double kappa_of(test::MemoryStream stream) {
-  return inflation_of(std::move(stream)).total();
+double kappa_of(const test::MemoryStream& stream) {
+  return inflation_of(stream).total();
 }
 
 double cylinder(double, double) {

@@ -181,9 +181,8 @@ TEST(SolidProperties, AParametrisationFarFromArcLengthChangesNothing) {
 
 TEST(SolidProperties, TriangulationsConvergeToItAsTheSquare) {
   std::mt19937_64 random(11);
-  const NurbsSurface s =
-      symbolic_product(test::random_function(random, RangeSpace::open(3, {0, 0.4, 1}),
-                                             RangeSpace::over(3, BaseArcs::full_circle(), 2), test::band(5, 65), 5));
+  const NurbsSurface s = symbolic_product(test::random_function(
+      random, RangeSpace::open(3, {0, 0.4, 1}), RangeSpace::over(3, BaseArcs::full_circle(), 2), test::band(5, 65), 5));
   const SolidProperties solid = solid_properties(s);
   Eigen::Vector3d last = Eigen::Vector3d::Zero();
   for (const int n : {40, 80, 160, 320}) {
