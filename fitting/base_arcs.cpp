@@ -288,34 +288,28 @@ void BaseArcs::synchronise(const double* theta_rad, std::size_t n, double* v) co
   HWY_DYNAMIC_DISPATCH(angles)(constants(*this), theta_rad, n, v);
 }
 
-// Ends that differ by rounding alone are within.
-bool BaseArcs::outside(double theta_rad, double v) const {
-  constexpr double kRounding = 1e-12, kAtAnEnd = 1e-9;
-  if (closed_ || (v > kAtAnEnd && v < count_ - kAtAnEnd)) return false;
+bool BaseArcs::contains(double theta_rad) const {
+  constexpr double kRounding = 1e-12;
   const double half = count_ * arc_rad_ / 2;
-  return std::abs(std::remainder(theta_rad - start_rad_ - half, 2 * std::numbers::pi)) > half + kRounding;
+  return closed_ || std::abs(std::remainder(theta_rad - start_rad_ - half, 2 * std::numbers::pi)) <= half + kRounding;
+}
+
+// What lies outside was brought to an end.
+double BaseArcs::placed(double theta_rad, double v) const {
+  constexpr double kAtAnEnd = 1e-9;
+  return (v > kAtAnEnd && v < count_ - kAtAnEnd) || contains(theta_rad) ? v : kOutside;
 }
 
 void BaseArcs::place(const double* theta_rad, std::size_t n, double* v) const {
   synchronise(theta_rad, n, v);
-  for (std::size_t k = 0; k < n; ++k) {
-    if (!std::isfinite(theta_rad[k])) {
-      v[k] = kNoAngle;
-    } else if (outside(theta_rad[k], v[k])) {
-      v[k] = kOutside;
-    }
-  }
+  for (std::size_t k = 0; k < n; ++k) v[k] = std::isfinite(theta_rad[k]) ? placed(theta_rad[k], v[k]) : kNoAngle;
 }
 
 void BaseArcs::place(const double* x, const double* y, std::size_t n, double* v, double* r) const {
   synchronise(x, y, n, v, r);
-  for (std::size_t k = 0; k < n; ++k) {
-    if (!std::isfinite(x[k]) || !std::isfinite(y[k])) {
-      v[k] = kNoAngle;
-    } else if (r[k] > 0 && outside(std::atan2(y[k], x[k]), v[k])) {
-      v[k] = kOutside;
-    }
-  }
+  if (closed_) return;
+  for (std::size_t k = 0; k < n; ++k)
+    if (r[k] > 0 && std::isfinite(r[k])) v[k] = placed(std::atan2(y[k], x[k]), v[k]);
 }
 
 std::vector<double> BaseArcs::knots() const {

@@ -25,6 +25,8 @@ class BaseArcs {
   /// Middle weight of each arc, cos(arc/2) (2.4).
   double weight() const { return weight_; }
 
+  /// The angle is on the arcs; ends that differ by rounding alone are. @pre finite
+  bool contains(double theta_rad) const;
   /// Parameter v of an angle (2.8). Closed arcs take any theta; open ones clamp to their range.
   double v_of_theta(double theta_rad) const;
   /// Angle of a parameter v in [0, count()], in [start, start + range].
@@ -36,10 +38,11 @@ class BaseArcs {
   void synchronise(const double* x, const double* y, std::size_t n, double* v, double* r) const;
   /// v of angles; SIMD. Arrays of length n.
   void synchronise(const double* theta_rad, std::size_t n, double* v) const;
-  /// The same for samples, of which some may have no place on the arcs: those get kNoAngle or kOutside.
+  /// The same for samples, of which some may have no place on the arcs: those get kNoAngle or kOutside. Of points whose
+  /// r is not finite or 0, v means nothing.
   void place(const double* theta_rad, std::size_t n, double* v) const;
   void place(const double* x, const double* y, std::size_t n, double* v, double* r) const;
-  static constexpr double kNoAngle = -1;  ///< an angle or coordinate that is not finite
+  static constexpr double kNoAngle = -1;  ///< an angle that is not finite
   static constexpr double kOutside = -2;  ///< not within an open range
   bool operator==(const BaseArcs&) const = default;
 
@@ -49,7 +52,7 @@ class BaseArcs {
   Eigen::MatrixX3d control_points() const;
 
  private:
-  bool outside(double theta_rad, double v) const;
+  double placed(double theta_rad, double v) const;
   int count_ = 4;
   double start_rad_ = 0, arc_rad_ = 0, weight_ = 0;
   bool closed_ = true;

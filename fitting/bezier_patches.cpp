@@ -64,11 +64,6 @@ std::vector<Conversion> conversions(const std::vector<double>& knots, int degree
   return all;
 }
 
-bool same(const BaseArcs& a, const BaseArcs& b) {
-  return a.count() == b.count() && a.closed() == b.closed() && a.start_rad() == b.start_rad() &&
-         a.arc_rad() == b.arc_rad();
-}
-
 }  // namespace
 
 void BezierPatches::add(const RangeFunction& f, double sign) {
@@ -96,7 +91,7 @@ BezierPatches::BezierPatches(const RangeFunction& a, const RangeFunction& b)
     : arcs_(a.base().arcs),
       degree_u_(std::max(a.degree_u(), b.degree_u())),
       degree_v_(std::max(a.degree_v(), b.degree_v())) {
-  if (a.base().X_WB.matrix() != b.base().X_WB.matrix() || !same(arcs_, b.base().arcs)) {
+  if (a.base().X_WB.matrix() != b.base().X_WB.matrix() || arcs_ != b.base().arcs) {
     throw std::invalid_argument("BezierPatches: the two functions have different frames or arcs");
   }
   const double lo = std::max(a.base().z_start_mm, b.base().z_start_mm);

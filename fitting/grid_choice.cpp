@@ -39,20 +39,17 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
   EvenSample<double> sample(kHeights);
   double lowest = std::numeric_limits<double>::infinity(), highest = -lowest, sum_r = 0;
   std::size_t good = 0, on_axis = 0, outside = 0, total = 0;
-  std::vector<double> v;
   profiles.rewind();
-  while (const Profile* profile = profiles.next()) {
-    v.resize(profile->size());
-    options.arcs.place(profile->theta_rad.data(), profile->size(), v.data());
+  while (const Profile* profile = profiles.next())
     for (std::size_t k = 0; k < profile->size(); ++k) {
-      const double r = profile->r_mm[k], z = profile->z_mm[k];
+      const double r = profile->r_mm[k], z = profile->z_mm[k], theta = profile->theta_rad[k];
       ++total;
-      if (!std::isfinite(r) || !std::isfinite(z) || v[k] == BaseArcs::kNoAngle) continue;
+      if (!std::isfinite(r) || !std::isfinite(z) || !std::isfinite(theta)) continue;
       if (r <= 0) {
         ++on_axis;
         continue;
       }
-      if (v[k] == BaseArcs::kOutside) {
+      if (!options.arcs.contains(theta)) {
         ++outside;
         continue;
       }
@@ -62,7 +59,6 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
       highest = std::max(highest, z);
       sample.add([&] { return z; });
     }
-  }
   if (total == 0) return tl::unexpected(FitError{text("there are no samples; scan the object or name another input")});
   if (good == 0 && outside > 0)
     return tl::unexpected(

@@ -230,7 +230,7 @@ void MomentGrid::merge(const MomentGrid& other) {
   if (a.z_start_mm != b.z_start_mm || a.z_end_mm != b.z_end_mm) differs("band");
   if (a.z_intervals != b.z_intervals || a.intervals_per_arc != b.intervals_per_arc) differs("number of intervals");
   if (a.degree_u != b.degree_u || a.degree_v != b.degree_v) differs("degrees");
-  if (!(a.arcs == b.arcs)) differs("angular range");
+  if (a.arcs != b.arcs) differs("angular range");
   if (rule_ != other.rule_) differs("weight rule");
   for (std::size_t k = 0; k < cells_.size(); ++k) cells_[k] += other.cells_[k];
   samples_ += other.samples_;

@@ -2,13 +2,13 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <hwy/targets.h>
 
 #include <cmath>
 #include <limits>
 #include <random>
 
 #include "tests/fitting/fit_tools.h"
+#include "tests/fitting/simd_targets.h"
 
 namespace celadon {
 namespace {
@@ -258,18 +258,10 @@ TEST(MomentGrid, EveryInstructionSetOfThisMachineAgrees) {
     return grid;
   };
   const MomentGrid best = all(spec), best_odd = all(odd);
-  int targets = 0;
-  for (std::int64_t supported = hwy::SupportedTargets(); supported != 0; supported &= supported - 1) {
-    const std::int64_t target = supported & -supported;
-    hwy::SetSupportedTargetsForTest(target);
-    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
-    EXPECT_LT(largest_difference(all(spec), best), 1e-13) << hwy::TargetName(target);
-    EXPECT_LT(largest_difference(all(odd), best_odd), 1e-13) << hwy::TargetName(target);
-    ++targets;
-    hwy::SetSupportedTargetsForTest(0);
-  }
-  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
-  EXPECT_GE(targets, 1);
+  test::at_every_simd_level([&] {
+    EXPECT_LT(largest_difference(all(spec), best), 1e-13);
+    EXPECT_LT(largest_difference(all(odd), best_odd), 1e-13);
+  });
 }
 
 TEST(MomentGrid, MemoryIsThatOfTheCellsAlone) {
