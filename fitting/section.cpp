@@ -26,7 +26,7 @@ RangeFunction row_at(const RangeFunction& range, double z_mm) {
 
 // Exact for the cube of F; the arcs' denominators are analytic within 2.4 intervals of an arc's middle, so that each
 // point more divides what is left of them by 25.
-int points_for(int degree) {
+int points_across(int degree) {
   return (3 * degree + 1) / 2 + 14;
 }
 
@@ -73,7 +73,7 @@ Section section(const RangeFunction& range, double z_mm) {
   s.largest_radius.z_mm = s.smallest_radius.z_mm = z_mm;
 
   Eigen::Vector2d first = Eigen::Vector2d::Zero();
-  const GaussRule& rule = gauss_rule(points_for(row.degree_v()));
+  const GaussRule& rule = gauss_rule(points_across(row.degree_v()));
   for (std::size_t j = 0; j + 1 < patches.v().size(); ++j) {
     const double lo = patches.v()[j], width = patches.v()[j + 1] - lo;
     const Eigen::RowVectorXd coefficients = patches.patch(0, j).row(0);
