@@ -21,7 +21,7 @@ namespace {
 
 using namespace checked_toml;
 
-constexpr std::size_t kLargestFile = std::size_t{1} << 20;
+constexpr std::size_t kLargestCalibration = std::size_t{1} << 20;
 constexpr double kUnitTolerance = 1e-9;
 constexpr int kMajor = 1, kMinor = 0;
 constexpr const char* kFormat = "celadon-calibration";
@@ -226,7 +226,7 @@ tl::expected<Calibration, CalibrationError> read_calibration(const std::filesyst
     return error(name + " cannot be opened: " + std::strerror(cause) + " (errno " + std::to_string(cause) +
                  "); give the file of this machine with --calibration or calibrate first");
   }
-  std::string text(kLargestFile + 1, '\0');
+  std::string text(kLargestCalibration + 1, '\0');
   text.resize(std::fread(text.data(), 1, text.size(), stream.get()));
   if (std::ferror(stream.get()) != 0) return error(name + " cannot be read; check the disk or copy the file again");
   return parse_calibration(text, name);
@@ -234,7 +234,7 @@ tl::expected<Calibration, CalibrationError> read_calibration(const std::filesyst
 
 tl::expected<Calibration, CalibrationError> parse_calibration(const std::string& text, const std::string& name) {
   if (text.empty()) return error(name + " is empty; copy the calibration file again or calibrate again");
-  if (text.size() > kLargestFile) {
+  if (text.size() > kLargestCalibration) {
     return error(name + " is longer than 1 MiB and cannot be a calibration file; give the right file");
   }
   const toml::parse_result parsed = toml::parse(text);

@@ -9,7 +9,6 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
-#include <ctime>
 #include <optional>
 
 #include "acquisition/camera_fault.h"
@@ -17,6 +16,7 @@
 #include "acquisition/frame_ring.h"
 #include "acquisition/frame_sources.h"
 #include "acquisition/lease_book.h"
+#include "acquisition/monotonic_clock.h"
 
 namespace celadon {
 namespace {
@@ -30,12 +30,6 @@ using Kind = CameraError::Kind;
 
 constexpr const char* kRemedy = "start celadon-sim with --socket-dir on this folder and open the camera again";
 constexpr const char* kSameBuild = "use celadon-sim and Celadon of the same build";
-
-std::int64_t monotonic_ns() {
-  timespec t{};
-  ::clock_gettime(CLOCK_MONOTONIC, &t);
-  return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
-}
 
 /// The slots of all frames, mapped to be read.
 class Mapping {

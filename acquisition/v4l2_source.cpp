@@ -5,7 +5,6 @@
 #include <sys/mman.h>
 
 #include <algorithm>
-#include <ctime>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -15,6 +14,7 @@
 #include "acquisition/file_descriptor.h"
 #include "acquisition/frame_sources.h"
 #include "acquisition/lease_book.h"
+#include "acquisition/monotonic_clock.h"
 #include "acquisition/v4l2_address.h"
 #include "acquisition/v4l2_exposure.h"
 #include "acquisition/v4l2_ioctl.h"
@@ -28,12 +28,6 @@ using Kind = CameraError::Kind;
 constexpr std::uint32_t kBuffers = 8;
 constexpr std::uint32_t kFewestBuffers = 2;
 constexpr const char* kConnectAgain = "connect the camera and open it again";
-
-std::int64_t monotonic_ns() {
-  timespec t{};
-  ::clock_gettime(CLOCK_MONOTONIC, &t);
-  return std::int64_t{t.tv_sec} * 1'000'000'000 + t.tv_nsec;
-}
 
 std::string printable(const std::uint8_t* text, std::size_t size) {
   std::string out;

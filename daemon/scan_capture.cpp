@@ -23,7 +23,7 @@ std::string degrees(double rad) {
   return text;
 }
 
-tl::unexpected<ScanStop> failed(const std::string& reason) {
+tl::unexpected<ScanStop> capture_failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
 }
 
@@ -167,8 +167,8 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
   const double end_turned = kTurn_rad + turn.overlap_rad;
   const double target = start + end_turned * turn.encoder_per_true + run_up;
   if (!limits.endless_rotation && target > limits.travel_rad) {
-    return failed("A sweep needs the table to turn to " + degrees(target) + ", but its travel ends at " +
-                  degrees(limits.travel_rad) + "; scan in steps.");
+    return capture_failed("A sweep needs the table to turn to " + degrees(target) + ", but its travel ends at " +
+                          degrees(limits.travel_rad) + "; scan in steps.");
   }
 
   if (auto moving = device.start_sweep(target, speed); !moving) return tl::make_unexpected(stop_of(moving.error()));
@@ -190,8 +190,8 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
     const MotionState motion = feed.status().motion;
     at_rest = motion == MotionState::moving ? 0 : at_rest + 1;
     if (at_rest > kFramesAtRest) {
-      return failed("The table stopped after " + degrees(std::max(turned, 0.)) + " of " + degrees(end_turned) +
-                    "; check what blocks it and start a new scan.");
+      return capture_failed("The table stopped after " + degrees(std::max(turned, 0.)) + " of " + degrees(end_turned) +
+                            "; check what blocks it and start a new scan.");
     }
     if (turned < 0) {
       feed.verdict(info, FrameVerdict::outside_turn);
@@ -212,8 +212,9 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
   const double base = feed.status().angle_rad;
   const int steps = turn.profiles + turn.overlap_profiles;
   if (!limits.endless_rotation && base + (steps + 1) * pitch > limits.travel_rad) {
-    return failed("The scan needs the table to turn to " + degrees(base + (steps + 1) * pitch) +
-                  ", but its travel ends at " + degrees(limits.travel_rad) + "; home it, or ask for fewer profiles.");
+    return capture_failed("The scan needs the table to turn to " + degrees(base + (steps + 1) * pitch) +
+                          ", but its travel ends at " + degrees(limits.travel_rad) +
+                          "; home it, or ask for fewer profiles.");
   }
   const double sigma_rad = limits.encoder_resolution_rad / std::sqrt(12.);
 
@@ -261,7 +262,7 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
     auto taken = intake.take(std::move(*frame), angle, turned);
     if (!taken) return tl::make_unexpected(taken.error());
   }
-  if (!start) return failed("The recording has no frame of a turn; record again.");
+  if (!start) return capture_failed("The recording has no frame of a turn; record again.");
   return intake.result();
 }
 

@@ -14,7 +14,7 @@ constexpr double kSteady = 0.02;  // relative change of the line's brightness fr
 constexpr std::int64_t kWarmUpLimit_ns = 20'000'000'000;
 constexpr std::int64_t kLineLimit_ns = 3'000'000'000;
 
-tl::unexpected<ScanStop> failed(const std::string& reason) {
+tl::unexpected<ScanStop> device_failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
 }
 
@@ -24,8 +24,8 @@ class MeanFrame {
   tl::expected<void, ScanStop> add(std::span<const std::uint8_t> bytes) {
     if (sum_.empty()) sum_.assign(bytes.size(), 0);
     if (sum_.size() != bytes.size()) {
-      return failed("The camera changed its frame size from " + std::to_string(sum_.size()) + " to " +
-                    std::to_string(bytes.size()) + " bytes during the scan; restart it.");
+      return device_failed("The camera changed its frame size from " + std::to_string(sum_.size()) + " to " +
+                           std::to_string(bytes.size()) + " bytes during the scan; restart it.");
     }
     for (std::size_t i = 0; i < bytes.size(); ++i) sum_[i] = static_cast<std::uint16_t>(sum_[i] + bytes[i]);
     ++count_;
@@ -91,10 +91,10 @@ tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const Brigh
   triangulator.triangulate(
       rows, seen, [&](std::int64_t) { return standing; }, profile);
   if (profile.size() == 0) {
-    return failed("The laser line is seen, but none of it lies in the volume of the scanner (r " +
-                  std::to_string(volume.r_min_mm) + " .. " + std::to_string(volume.r_max_mm) + " mm, z " +
-                  std::to_string(volume.z_min_mm) + " .. " + std::to_string(volume.z_max_mm) +
-                  " mm); place the object over the middle of the table, or check calibration and volume.");
+    return device_failed("The laser line is seen, but none of it lies in the volume of the scanner (r " +
+                         std::to_string(volume.r_min_mm) + " .. " + std::to_string(volume.r_max_mm) + " mm, z " +
+                         std::to_string(volume.z_min_mm) + " .. " + std::to_string(volume.z_max_mm) +
+                         " mm); place the object over the middle of the table, or check calibration and volume.");
   }
   const auto [low, high] = std::minmax_element(profile.z_mm.begin(), profile.z_mm.end());
   preparation.z_low_mm = *low;
@@ -118,13 +118,15 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
   if (!status) return tl::make_unexpected(stop_of(status.error()));
   observer.on_status(*status);
   if (status->emergency_stop) {
-    return failed("The emergency stop is pressed; release it, press the button on the machine and start a new scan.");
+    return device_failed(
+        "The emergency stop is pressed; release it, press the button on the machine and start a new scan.");
   }
   if (!status->interlock_closed) {
-    return failed("The interlock is open; close the cover, press the button on the machine and start a new scan.");
+    return device_failed(
+        "The interlock is open; close the cover, press the button on the machine and start a new scan.");
   }
   if (status->local_action_needed) {
-    return failed("The machine is locked after a stop; press the button on the machine, then start a new scan.");
+    return device_failed("The machine is locked after a stop; press the button on the machine, then start a new scan.");
   }
   if (auto off = device.laser_off(); !off) return tl::make_unexpected(stop_of(off.error()));
   const bool stopped = status->motion == MotionState::fault || status->motion == MotionState::stopped;
@@ -167,9 +169,10 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     last = now;
     const std::int64_t waited_ns = equipment.clock.now_ns() - feed.shining_since_ns();
     if (now.lines == 0 && waited_ns > kLineLimit_ns) {
-      return failed("No laser line is seen in " + seconds(waited_ns) +
-                    ": check that the laser shines on the object, that nothing covers the camera, and the exposure (" +
-                    std::to_string(seen.exposure_ns / 1000) + " us).");
+      return device_failed(
+          "No laser line is seen in " + seconds(waited_ns) +
+          ": check that the laser shines on the object, that nothing covers the camera, and the exposure (" +
+          std::to_string(seen.exposure_ns / 1000) + " us).");
     }
     if (waited_ns > kWarmUpLimit_ns) {
       preparation.warnings.push_back("The laser's brightness was still changing after " + seconds(waited_ns) +
@@ -209,14 +212,14 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
       break;
     }
   }
-  if (!look) return failed("The recording has no frame with the laser on; record again.");
+  if (!look) return device_failed("The recording has no frame with the laser on; record again.");
   preparation.background = dark.mean();
   std::vector<LineRow> rows(static_cast<std::size_t>(camera.mode().height_px));
   extractor.extract(camera.mode(), look.bytes(), preparation.background, rows);
   const Brightness brightness = brightness_of(rows);
   if (brightness.lines == 0) {
-    return failed("No laser line is seen in frame " + std::to_string(look.info.sequence) +
-                  " of the recording; record again with the laser on the object.");
+    return device_failed("No laser line is seen in frame " + std::to_string(look.info.sequence) +
+                         " of the recording; record again with the laser on the object.");
   }
   if (auto learned =
           learn(rows, brightness, look.info, look.info.table_angle_rad, equipment.volume, triangulator, preparation);

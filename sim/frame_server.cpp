@@ -10,15 +10,13 @@
 #include <cerrno>
 #include <cstring>
 
+#include "sim/system_text.h"
+
 namespace celadon::sim {
 namespace {
 
-constexpr std::size_t kMaxClients = 8;
+constexpr std::size_t kMaxReaders = 8;
 constexpr std::size_t kPage = 4096;
-
-std::string system_text(const std::string& what) {
-  return what + " failed: " + std::strerror(errno);
-}
 
 bool send_hello(int fd, const frame_ring::Hello& hello, int memory) {
   iovec data{const_cast<frame_ring::Hello*>(&hello), sizeof hello};
@@ -131,7 +129,7 @@ void FrameServer::serve(const pollfd* polls, std::size_t count) {
 
 void FrameServer::accept_client() {
   FileDescriptor fd(accept4(listener_.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
-  if (!fd || clients_.size() >= kMaxClients || model_.camera_unplugged()) return;
+  if (!fd || clients_.size() >= kMaxReaders || model_.camera_unplugged()) return;
   const CameraConfig& camera = model_.camera().config();
   frame_ring::Hello hello;
   hello.slot_count = camera.slots;

@@ -15,19 +15,17 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "sim/system_text.h"
+
 namespace celadon::sim {
 namespace {
 
-constexpr std::size_t kMaxClients = 8;
+constexpr std::size_t kMaxMasters = 8;
 constexpr std::uint8_t kRtuUnit = 1;
 constexpr std::int64_t kTcpTransfer_ns = 250'000;               // one way
 constexpr std::int64_t kRtuByte_ns = 11'000'000'000 / 115'200;  // start, 8 bits, parity, stop
 constexpr std::int64_t kRtuPause_ns = 4 * kRtuByte_ns;          // before an answer
 constexpr std::int64_t kRtuSilence_ns = 100'000'000;            // real time: what was begun is abandoned
-
-std::string system_text(const std::string& what) {
-  return what + " failed: " + std::strerror(errno);
-}
 
 std::int64_t transfer_ns(ModbusFraming framing, std::size_t bytes) {
   return framing == ModbusFraming::tcp ? kTcpTransfer_ns
@@ -141,7 +139,7 @@ void ModbusServer::serve(const pollfd* polls, std::size_t count) {
 
 void ModbusServer::accept_client() {
   FileDescriptor fd(accept4(listener_.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
-  if (!fd || links_.size() >= kMaxClients) return;  // closed at once: the client sees it
+  if (!fd || links_.size() >= kMaxMasters) return;  // closed at once: the client sees it
   const int on = 1;
   setsockopt(fd.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   links_.push_back(

@@ -7,7 +7,7 @@
 namespace celadon {
 namespace {
 
-constexpr std::size_t buffer_bytes = 1U << 18;
+constexpr std::size_t kBufferBytes = 1U << 18;
 
 std::uint64_t end_of(const BinaryLayout& layout) {
   return layout.begin + layout.count * layout.stride;
@@ -18,7 +18,7 @@ std::uint64_t end_of(const BinaryLayout& layout) {
 BinaryRecords::BinaryRecords(const InputFile& file, const BinaryLayout& layout)
     : file_(file),
       layout_(layout),
-      cursor_(file, layout.begin, end_of(layout), std::max(buffer_bytes, layout.stride)),
+      cursor_(file, layout.begin, end_of(layout), std::max(kBufferBytes, layout.stride)),
       left_(layout.count) {}
 
 void BinaryRecords::rewind() {
@@ -28,7 +28,7 @@ void BinaryRecords::rewind() {
 }
 
 std::size_t BinaryRecords::read(std::size_t count, double* a, double* b, double* c) {
-  const std::size_t fit = std::max(buffer_bytes, layout_.stride) / layout_.stride;
+  const std::size_t fit = std::max(kBufferBytes, layout_.stride) / layout_.stride;
   const auto piece = static_cast<std::size_t>(std::min<std::uint64_t>({count, fit, left_}));
   if (piece == 0 || !error_.empty()) {
     return 0;
