@@ -7,10 +7,10 @@ namespace celadon {
 
 Eigen::Vector3d size_of(const RangeFunction& range) {
   constexpr int kAround = 256, kAlong = 128;
-  const BaseCylinder& base = range.base();
+  const BaseSurface& base = range.base();
   Eigen::AlignedBox3d box;
   for (int i = 0; i <= kAlong; ++i) {
-    const double z = base.z_start_mm + (base.z_end_mm - base.z_start_mm) * i / kAlong;
+    const double z = base.band_start + (base.band_end - base.band_start) * i / kAlong;
     for (int j = 0; j < kAround; ++j) {
       const double theta = 2 * std::numbers::pi * j / kAround;
       const double r = range(theta, z);

@@ -134,14 +134,14 @@ std::vector<double> read_knots(const Reader& field, int degree, std::optional<do
   return knots;
 }
 
-BaseCylinder read_base(const Reader& field) {
+BaseSurface read_base(const Reader& field) {
   if (field.at("kind").text() != "cylinder") {
     field.at("kind").fail("is \"" + field.at("kind").text() + "\"; this program reads \"cylinder\"");
   }
-  BaseCylinder base;
-  base.z_start_mm = field.at("z_start_mm").number();
-  base.z_end_mm = field.at("z_end_mm").number();
-  if (!(base.z_start_mm < base.z_end_mm)) field.at("z_end_mm").fail("is not above z_start_mm");
+  BaseSurface base;
+  base.band_start = field.at("z_start_mm").number();
+  base.band_end = field.at("z_end_mm").number();
+  if (!(base.band_start < base.band_end)) field.at("z_end_mm").fail("is not above z_start_mm");
   const int arcs = field.at("arcs").whole(1, 4);
   const double arc = field.at("arc_rad").number(), start = field.at("start_rad").number();
   if (field.at("closed").boolean()) {
@@ -165,7 +165,7 @@ BaseCylinder read_base(const Reader& field) {
   return base;
 }
 
-RangeFunction read_function(const Reader& field, const BaseCylinder& base) {
+RangeFunction read_function(const Reader& field, const BaseSurface& base) {
   const int p = field.at("degree_u").whole(0, 9), q = field.at("degree_v").whole(0, 9);
   auto knots_u = read_knots(field.at("knots_u"), p, 0., 1.);
   auto knots_v = read_knots(field.at("knots_v"), q, 0., double(base.arcs.count()));
@@ -216,7 +216,7 @@ NurbsSurface read_surface(const Reader& field) {
 std::string format_surface_json(const SurfaceFile& file) {
   const NurbsSurface& s = file.surface;
   const RangeFunction& f = file.function;
-  const BaseCylinder& base = f.base();
+  const BaseSurface& base = f.base();
   std::string out;
   out.reserve(static_cast<std::size_t>(s.control_points.cols()) * 90 + 4096);
   out +=
@@ -248,9 +248,9 @@ std::string format_surface_json(const SurfaceFile& file) {
            [&](Eigen::Index i) { put_array(out, Eigen::VectorXd(f.coefficients().row(i))); });
 
   out += "\n  },\n  \"base\": {\n    \"kind\": \"cylinder\",\n    \"z_start_mm\": ";
-  put(out, base.z_start_mm);
+  put(out, base.band_start);
   out += ",\n    \"z_end_mm\": ";
-  put(out, base.z_end_mm);
+  put(out, base.band_end);
   out += ",\n    \"arcs\": " + std::to_string(base.arcs.count()) + ",\n    \"arc_rad\": ";
   put(out, base.arcs.arc_rad());
   out += ",\n    \"start_rad\": ";
@@ -289,7 +289,7 @@ tl::expected<SurfaceFile, std::string> parse_surface_json(const std::string& tex
     if (reader.at("version").whole(0, 1'000'000) != 1) {
       reader.at("version").fail("is " + root["version"].dump() + "; this program reads version 1");
     }
-    const BaseCylinder base = read_base(reader.at("base"));
+    const BaseSurface base = read_base(reader.at("base"));
     return SurfaceFile{read_function(reader.at("range_function"), base), read_surface(reader.at("surface")),
                        reader.at("name").text(), reader.at("date").text(), reader.at("simulated").boolean()};
   } catch (const Problem& p) {

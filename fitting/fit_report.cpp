@@ -20,10 +20,10 @@ std::string text(const char* format, ...) {
   return buffer.data();
 }
 
-const char* to_string(SurfaceModel model) {
+const char* to_string(SurfaceModel model, BaseKind base) {
   switch (model) {
     case SurfaceModel::cylinder:
-      return "cylinder";
+      return base == BaseKind::sphere ? "sphere" : "cylinder";
     case SurfaceModel::revolution:
       return "revolution";
     case SurfaceModel::translational:
@@ -87,19 +87,24 @@ std::optional<FitError> refuse_too_few(const MomentGrid& sums, const FitLadder& 
 std::optional<FitError> refuse_crossing(const RangeFunction& function) {
   if (function.coefficients().minCoeff() > 0) return std::nullopt;  // a mean of coefficients is positive then
   constexpr int kPerCoefficient = 6;
-  const BaseCylinder& base = function.base();
+  const BaseSurface& base = function.base();
   const auto around = function.coefficients().cols() * kPerCoefficient,
              along = function.coefficients().rows() * kPerCoefficient;
   double least = std::numeric_limits<double>::infinity(), at_theta = 0, at_z = 0;
   for (Eigen::Index i = 0; i <= along; ++i)
     for (Eigen::Index j = 0; j <= around; ++j) {
       const double f = static_cast<double>(i) / static_cast<double>(along);
-      const double z = (1 - f) * base.z_start_mm + f * base.z_end_mm;
+      const double z = (1 - f) * base.band_start + f * base.band_end;
       const double v = base.arcs.count() * static_cast<double>(j) / static_cast<double>(around);
       const double theta = base.arcs.theta_of_v(v);
       if (const double r = function(theta, z); r < least) least = r, at_theta = theta, at_z = z;
     }
   if (least > 0) return std::nullopt;
+  if (base.spherical())
+    return FitError{
+        text("the surface would reach the centre at phi = %.0f, theta = %.0f degrees, where the samples jump or are "
+             "missing; cut off what is not of the object, scan what is missing, or name another centre",
+             BaseSurface::meridian().theta_of_v(at_z) * 180 / std::numbers::pi, at_theta * 180 / std::numbers::pi)};
   return FitError{
       text("the surface would cross the axis at z = %.4g mm, theta = %.0f degrees, where the samples jump or are "
            "missing; cut off "

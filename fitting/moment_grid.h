@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "fitting/aligned_allocator.h"
-#include "fitting/base_arcs.h"
+#include "fitting/base_surface.h"
 #include "fitting/moment_layout.h"
 #include "fitting/profile.h"
 
@@ -18,6 +18,9 @@ namespace celadon {
 
 /// What two sets of sums must agree on to be merged.
 struct GridSpecification {
+  /// Over a sphere, samples are (rho, theta, w) in place of (r, theta, z), w the meridian's parameter (base_surface.h),
+  /// and the band is [0, 2].
+  BaseKind base = BaseKind::cylinder;
   double z_start_mm = 0, z_end_mm = 0;      ///< band of the grid, z_start < z_end
   int z_intervals = 32;                     ///< a power of two, uniform over the band
   int intervals_per_arc = 32;               ///< a power of two, uniform in v on each arc

@@ -23,9 +23,11 @@
 namespace celadon {
 
 enum class SurfaceModel { automatic, cylinder, revolution, translational, general };
-const char* to_string(SurfaceModel model);  ///< "auto", "cylinder", "revolution", "translational", "general"
+/// "auto", "cylinder" (over a sphere "sphere"), "revolution", "translational", "general"
+const char* to_string(SurfaceModel model, BaseKind base = BaseKind::cylinder);
 
 struct RangeFitOptions {
+  BaseKind base = BaseKind::cylinder;  ///< what the range is over; of a sphere, the samples are SphericalStream's
   SurfaceModel model = SurfaceModel::automatic;
   int degree_u = 3, degree_v = 3;           ///< of F, 1..5, for the directions that are not constant
   BaseArcs arcs = BaseArcs::full_circle();  ///< the whole turn, or the open range that is fitted

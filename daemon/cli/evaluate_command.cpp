@@ -64,7 +64,7 @@ int evaluate(const EvaluateArguments& arguments) {
   const auto& base = file->function.base();
   std::vector<double> heights_mm;
   if (arguments.heights.empty()) {
-    for (int k = 0; k <= 20; ++k) heights_mm.push_back(base.z_start_mm + k * (base.z_end_mm - base.z_start_mm) / 20);
+    for (int k = 0; k <= 20; ++k) heights_mm.push_back(base.band_start + k * (base.band_end - base.band_start) / 20);
   } else if (const auto given = numbers_from(arguments.heights)) {
     heights_mm = *given;
   } else {
@@ -75,11 +75,11 @@ int evaluate(const EvaluateArguments& arguments) {
                        std::to_string(kMostValues) + "; ask for fewer");
   }
   for (const double z : heights_mm) {
-    if (z < base.z_start_mm || z > base.z_end_mm) {
+    if (z < base.band_start || z > base.band_end) {
       char text[256];
       std::snprintf(text, sizeof text,
                     "height %g mm is outside the surface's band %.6f .. %.6f mm; it is never extrapolated", z,
-                    base.z_start_mm, base.z_end_mm);
+                    base.band_start, base.band_end);
       return fail(2, text);
     }
   }

@@ -23,9 +23,9 @@ constexpr double pi = std::numbers::pi;
 
 /// The range function of a wall in closed form: its Bernstein coefficients are B-spline coefficients at full knots.
 RangeFunction range_of(const ClosedWall& wall, const Eigen::Isometry3d& X_WB = Eigen::Isometry3d::Identity()) {
-  BaseCylinder base;
-  base.z_start_mm = wall.z_start_mm;
-  base.z_end_mm = wall.z_end_mm;
+  BaseSurface base;
+  base.band_start = wall.z_start_mm;
+  base.band_end = wall.z_end_mm;
   base.X_WB = X_WB;
   const int q = wall.degree_v;
   std::vector<double> knots_v = {0.0};

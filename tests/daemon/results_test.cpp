@@ -29,9 +29,9 @@ using testing::TemporaryFolder;
 
 /// r = a + b cos(theta) built from coefficients at hand: degree (1, 1), enough for files.
 RangeFit sample_fit(double a = 30, double b = 1.0 / 3) {
-  BaseCylinder base;
-  base.z_start_mm = 5;
-  base.z_end_mm = 65;
+  BaseSurface base;
+  base.band_start = 5;
+  base.band_end = 65;
   Eigen::MatrixXd c(2, 5);
   c << a, a + b, a - b, a, a, a + 1, a + b, a, a + b, a + 1;
   RangeFit fit;
@@ -76,7 +76,7 @@ TEST(SurfaceJson, EveryNumberComesBack) {
   EXPECT_EQ(back->surface.control_points, file.surface.control_points);
   EXPECT_EQ(back->surface.knots_u, file.surface.knots_u);
   EXPECT_EQ(back->surface.degree_v, file.surface.degree_v);
-  EXPECT_EQ(back->function.base().z_end_mm, 65);
+  EXPECT_EQ(back->function.base().band_end, 65);
   EXPECT_EQ(format_surface_json(*back), text);
 }
 
@@ -112,7 +112,7 @@ TEST(SurfaceJson, NamesWhatIsWrong) {
       {"/range_function/coefficients/1/2", "x", "range_function.coefficients[1][2]"},
       {"/range_function/knots_v/3", -1, "range_function.knots_v"},
       {"/base/kind", "sphere", "base.kind"},
-      {"/base/z_end_mm", -5, "base.z_end_mm"},
+      {"/base/z_end_mm", -5, "base.band_end"},
       {"/base/frame/z", json::array({0, 0, -1}), "base.frame"},
       {"/base/arcs", 7, "base.arcs"},
       {"/simulated", "no", "simulated"},
@@ -127,7 +127,7 @@ TEST(SurfaceJson, NamesWhatIsWrong) {
   }
   json missing = good;
   missing["base"].erase("z_start_mm");
-  EXPECT_NE(parse_surface_json(missing.dump(), "f").error().find("base.z_start_mm is missing"), std::string::npos);
+  EXPECT_NE(parse_surface_json(missing.dump(), "f").error().find("base.band_start is missing"), std::string::npos);
   EXPECT_FALSE(parse_surface_json("", "f"));
   EXPECT_FALSE(parse_surface_json("{\"version\": 1e999}", "f"));
   EXPECT_FALSE(parse_surface_json(std::string(100'000, '['), "f"));
