@@ -135,13 +135,19 @@ std::vector<double> read_knots(const Reader& field, int degree, std::optional<do
 }
 
 BaseSurface read_base(const Reader& field) {
-  if (field.at("kind").text() != "cylinder") {
-    field.at("kind").fail("is \"" + field.at("kind").text() + "\"; this program reads \"cylinder\"");
+  const std::string kind = field.at("kind").text();
+  if (kind != "cylinder" && kind != "sphere") {
+    field.at("kind").fail("is \"" + kind + "\"; this program reads \"cylinder\" and \"sphere\"");
   }
   BaseSurface base;
-  base.band_start = field.at("z_start_mm").number();
-  base.band_end = field.at("z_end_mm").number();
-  if (!(base.band_start < base.band_end)) field.at("z_end_mm").fail("is not above z_start_mm");
+  if (kind == "sphere") base.kind = BaseKind::sphere;
+  const char *start_name = base.spherical() ? "w_start" : "z_start_mm", *end_name = base.spherical() ? "w_end" : "z_end_mm";
+  base.band_start = field.at(start_name).number();
+  base.band_end = field.at(end_name).number();
+  if (!(base.band_start < base.band_end)) field.at(end_name).fail(std::string("is not above ") + start_name);
+  if (base.spherical() && !(base.band_start >= 0 && base.band_end <= BaseSurface::kMeridianEnd)) {
+    field.at(end_name).fail("or w_start is outside 0 .. 2, the meridian's parameters");
+  }
   const int arcs = field.at("arcs").whole(1, 4);
   const double arc = field.at("arc_rad").number(), start = field.at("start_rad").number();
   if (field.at("closed").boolean()) {
@@ -167,7 +173,8 @@ BaseSurface read_base(const Reader& field) {
 
 RangeFunction read_function(const Reader& field, const BaseSurface& base) {
   const int p = field.at("degree_u").whole(0, 9), q = field.at("degree_v").whole(0, 9);
-  auto knots_u = read_knots(field.at("knots_u"), p, 0., 1.);
+  auto knots_u = base.spherical() ? read_knots(field.at("knots_u"), p, base.band_start, base.band_end)
+                                  : read_knots(field.at("knots_u"), p, 0., 1.);
   auto knots_v = read_knots(field.at("knots_v"), q, 0., double(base.arcs.count()));
   const auto rows = knots_u.size() - static_cast<std::size_t>(p) - 1,
              columns = knots_v.size() - static_cast<std::size_t>(q) - 1;
@@ -247,9 +254,10 @@ std::string format_surface_json(const SurfaceFile& file) {
   put_rows(out, f.coefficients().rows(), "      ",
            [&](Eigen::Index i) { put_array(out, Eigen::VectorXd(f.coefficients().row(i))); });
 
-  out += "\n  },\n  \"base\": {\n    \"kind\": \"cylinder\",\n    \"z_start_mm\": ";
+  out += std::string("\n  },\n  \"base\": {\n    \"kind\": ") +
+         (base.spherical() ? "\"sphere\",\n    \"w_start\": " : "\"cylinder\",\n    \"z_start_mm\": ");
   put(out, base.band_start);
-  out += ",\n    \"z_end_mm\": ";
+  out += base.spherical() ? ",\n    \"w_end\": " : ",\n    \"z_end_mm\": ";
   put(out, base.band_end);
   out += ",\n    \"arcs\": " + std::to_string(base.arcs.count()) + ",\n    \"arc_rad\": ";
   put(out, base.arcs.arc_rad());

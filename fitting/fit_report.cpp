@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "fitting/model_selection.h"
 
@@ -118,18 +119,32 @@ void describe(RangeFit& fit, const CoveredBand& band, const MomentGrid& sums) {
   report.degree_v = fit.surface.degree_v;
   report.control_points_u = fit.surface.count_u();
   report.control_points_v = fit.surface.count_v();
-  report.z_start_mm = band.z_start_mm;
-  report.z_end_mm = band.z_end_mm;
   report.cut_below_mm = std::max(0.0, band.z_start_mm - band.lowest_mm);
   report.cut_above_mm = std::max(0.0, band.highest_mm - band.z_end_mm);
+  if (fit.function.base().spherical()) {  // from above to below, in parts of the meridian
+    const BaseArcs& meridian = BaseSurface::meridian();
+    const double unit_mm = meridian.arc_rad() * fit.function.coefficients().mean();
+    report.phi_start_rad = meridian.theta_of_v(band.z_start_mm);
+    report.phi_end_rad = meridian.theta_of_v(band.z_end_mm);
+    std::swap(report.cut_below_mm, report.cut_above_mm);
+    report.cut_below_mm *= unit_mm;
+    report.cut_above_mm *= unit_mm;
+  } else {
+    report.z_start_mm = band.z_start_mm;
+    report.z_end_mm = band.z_end_mm;
+  }
   report.coverage = covered_share(sums, band);
 }
 
-void warn(RangeFitReport& report, const CoveredBand& band) {
+void warn(RangeFit& fit, const CoveredBand& band) {
+  RangeFitReport& report = fit.report;
   const auto share = [&](std::size_t n) {
     return 100.0 * static_cast<double>(n) / static_cast<double>(std::max<std::size_t>(report.points, 1));
   };
-  const double height = band.z_end_mm - band.z_start_mm;
+  const bool spherical = fit.function.base().spherical();
+  const double height = spherical
+                            ? (report.phi_end_rad - report.phi_start_rad) * fit.function.coefficients().mean()
+                            : report.z_end_mm - report.z_start_mm;
   if (band.sectors_with_samples < band.sectors)
     report.warnings.push_back(
         text("%d of %d sectors around the axis have no samples over most of the height; the surface bridges them.",

@@ -196,7 +196,7 @@ tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFit
   fit.report.rejected = sums.rejected();
   fit.report.residual_mm.rms = std::sqrt(member->residual_square / n);
   describe(fit, band, sums);
-  warn(fit.report, band);
+  warn(fit, band);
   return fit;
 }
 

@@ -79,7 +79,7 @@ RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& 
   report.rejected = report.points - all.along_ray.count() - all.cut - all.unfollowable;
   report.residual_mm = {all.along_ray.rms(), all.along_ray.quantile(0.95), all.along_ray.max()};
   report.geometric_mm = {all.geometric.rms(), all.geometric.quantile(0.95), all.geometric.max()};
-  warn(report, surface.band);
+  warn(surface.fit, surface.band);
   return std::move(surface.fit);
 }
 

@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 namespace celadon::cli {
 namespace {
@@ -43,8 +44,15 @@ std::string summary_of(const json& report) {
   text +=
       "  noise       " + length(report["noise_mm"]) + line(" (correlation factor %.2f)", report["kappa"].get<double>());
   text += "  fit error   " + errors(report["geometric_mm"]) + " (perpendicular)\n";
-  text += line("  coverage    %.1f %% of the band z %.2f .. %.2f mm", 100 * report["coverage"].get<double>(),
-               report["band_mm"][0].get<double>(), report["band_mm"][1].get<double>());
+  const double covered = 100 * report["coverage"].get<double>();
+  if (report.contains("band_rad")) {
+    constexpr double kDegrees = 180 / std::numbers::pi;
+    text += line("  coverage    %.1f %% of the band phi %.2f .. %.2f degrees", covered,
+                 report["band_rad"][0].get<double>() * kDegrees, report["band_rad"][1].get<double>() * kDegrees);
+  } else {
+    text += line("  coverage    %.1f %% of the band z %.2f .. %.2f mm", covered, report["band_mm"][0].get<double>(),
+                 report["band_mm"][1].get<double>());
+  }
   if (report.contains("truth_mm") && report["truth_mm"].is_object()) {
     const auto& truth = report["truth_mm"];
     text += "  truth       bias " + length(truth["bias"]) + ", rms " + length(truth["rms"]) + ", largest " +

@@ -172,7 +172,7 @@ TEST(Report, HasExactlyTheDocumentedFields) {
                                           "machine",     "simulated",    "points",         "rejected",   "unfollowable",
                                           "model",       "degree",       "control_points", "noise_mm",   "kappa",
                                           "residual_mm", "geometric_mm", "coverage",       "decided_by", "stopped_by",
-                                          "frame",       "band_mm",      "cut_mm",         "size_mm",    "warnings",
+                                          "base", "frame",       "band_mm",      "cut_mm",         "size_mm",    "warnings",
                                           "seconds",     "truth_mm",     "scan",           "closure_mm", "solid"}));
   // RESULTS.md names every one of them.
   const std::string document = read_file(std::filesystem::path(CELADON_SOURCE_DIR) / "daemon/RESULTS.md");
