@@ -92,7 +92,9 @@ TEST(LocalFrame, OfCleanShapesIsExact) {
   for (const Case& c : kCases) {
     const bool exact = c.shape != FrameShape::revolution && c.shape != FrameShape::elliptic;
     const Errors errors = run(c, 1, 5, 0, 0);
-    if (exact) EXPECT_EQ(errors.right_shape, 5) << c.name;
+    if (exact) {
+      EXPECT_EQ(errors.right_shape, 5) << c.name;
+    }
     // Meridians that no polynomial of degree 8 follows are still round.
     EXPECT_LT(errors.axis_deg.back(), exact ? 1e-6 : 0.02) << c.name;
     EXPECT_LT(errors.origin_mm.back(), exact ? 1e-6 : 0.02) << c.name;

@@ -125,7 +125,8 @@ RC_GTEST_PROP(QuadricFit, RecoversExactQuadricsAnywhere, (std::uint64_t seed)) {
             : test::sphere_cap(random, 200, 1, 2.5);
   if (!sheet) points = Eigen::Vector3d(a, b, c).asDiagonal() * points;
   const Canonical& form = kCanonical[sheet ? 2 : 0];
-  const auto fit = fit_quadric(test::moved(X, points));
+  points = test::moved(X, points);
+  const auto fit = fit_quadric(points);
   RC_ASSERT(fit.has_value());
   const Quadric truth = placed(matrix_of(form, {a, b, c}), X);
   const double scale =
@@ -137,7 +138,7 @@ RC_GTEST_PROP(QuadricFit, RecoversExactQuadricsAnywhere, (std::uint64_t seed)) {
   RC_ASSERT((axes.frames[0].origin_mm - X.translation()).norm() < 1e-6);
   // q is a distance: unit mean square of its gradient.
   double squares = 0;
-  for (const auto x : test::moved(X, points).colwise()) squares += fit->quadric.gradient(x).squaredNorm();
+  for (Eigen::Index k = 0; k < 200; ++k) squares += fit->quadric.gradient(points.col(k)).squaredNorm();
   RC_ASSERT(std::abs(squares / 200 - 1) < 1e-9);
 }
 
