@@ -51,12 +51,13 @@ struct Fitted {
 struct Data {
   Eigen::Matrix3Xd points;
   Eigen::VectorXd weights;
-  double least_scale = 0;
+  double least_scale = 0;    // of the fits: rounding of the coordinates
+  double told_apart_mm = 0;  // of the choice: deviations below say nothing
 };
 
 Data thinned(const Data& all, Eigen::Index most) {
   const Eigen::Index N = all.points.cols(), M = std::min(N, most);
-  Data some{Eigen::Matrix3Xd(3, M), Eigen::VectorXd(M), all.least_scale};
+  Data some{Eigen::Matrix3Xd(3, M), Eigen::VectorXd(M), all.least_scale, all.told_apart_mm};
   for (Eigen::Index k = 0; k < M; ++k) {
     some.points.col(k) = all.points.col(k * N / M);
     some.weights[k] = all.weights[k * N / M];
@@ -92,7 +93,7 @@ std::vector<double> costs_of(const std::vector<Fitted>& fits, const Data& data) 
   std::vector<double> costs;
   for (const Fitted& fit : fits) {
     costs.push_back(fit.residuals.allFinite() && std::isfinite(scale)
-                        ? tukey_cost(fit.residuals, data.weights, std::max(scale, data.least_scale))
+                        ? tukey_cost(fit.residuals, data.weights, std::max(scale, data.told_apart_mm))
                         : std::numeric_limits<double>::infinity());
   }
   return costs;
@@ -272,11 +273,12 @@ const char* to_string(AxisStart start) {
 tl::expected<LocalFrame, FrameError> local_frame(const Eigen::Matrix3Xd& points) {
   if (auto refused = refusal(points)) return tl::make_unexpected(std::move(*refused));
   const SurfaceSample sample = sample_surface(points);
-  Data data{sample.points, sample.weights, 0};
+  Data data{sample.points, sample.weights};
   const Eigen::Vector3d centroid = data.points * data.weights / data.weights.sum();
   const double size =
       std::sqrt((data.points.colwise() - centroid).colwise().squaredNorm().dot(data.weights) / data.weights.sum());
   data.least_scale = 1e-12 * size + 1e-16 * centroid.norm();
+  data.told_apart_mm = kRounding * size;
 
   // The quadric, reweighted by its own first-order distances.
   Eigen::VectorXd weights = data.weights;
@@ -309,7 +311,7 @@ tl::expected<LocalFrame, FrameError> local_frame(const Eigen::Matrix3Xd& points)
   if (!std::isfinite(lowest)) {
     return tl::make_unexpected(FrameError{"no round shape could be fitted to the points; give the axis yourself"});
   }
-  const double allowed = kAsGood * lowest + std::pow(kRounding * size, 2);
+  const double allowed = kAsGood * lowest + (kAsGood - 1) * std::pow(data.told_apart_mm, 2);
   std::size_t chosen = 0;
   while (costs[chosen] > allowed) ++chosen;
   // Candidates stand from simple to general, but for a quartic before a quadratic with ellipses: fewer unknowns first.

@@ -131,21 +131,24 @@ void MeridianSurface::residuals(const Eigen::Matrix3Xd& points, Eigen::VectorXd&
     const double P_h = coefficients.dot(T.slope) / half_band_mm;
     const Eigen::Vector3d E_y(2 * ((1 + a) * y.x() + b * y.y()), 2 * ((1 - a) * y.y() + b * y.x()), -P_h);
     const double E = (y.x() * E_y.x() + y.y() * E_y.y()) / 2 - coefficients.dot(T.value);
-    const double square = std::max(least_square, E_y.squaredNorm()), G = std::sqrt(square);
+    const bool steep = std::abs(P_h) > steepest_mm;
+    const Eigen::Vector3d g(E_y.x(), E_y.y(), steep ? std::copysign(steepest_mm, -P_h) : -P_h);
+    const double square = std::max(least_square, g.squaredNorm()), G = std::sqrt(square);
     values[n] = E / G;
     if (!jacobian) continue;
-    // d(E/G) = dE/G - E/G^3 E_y . dE_y
-    const double share = E_y.squaredNorm() > least_square ? E / (square * G) : 0;
-    Eigen::Matrix3d bend;
-    const double P_hh = coefficients.dot(T.bend) / (half_band_mm * half_band_mm);
-    bend << 2 * (1 + a), 2 * b, 0, 2 * b, 2 * (1 - a), 0, 0, 0, -P_hh;
-    const Eigen::RowVector3d by_y = E_y.transpose() / G - share * E_y.transpose() * bend;
+    // d(E/G) = dE/G - E/G^3 g . dg
+    const double share = g.squaredNorm() > least_square ? E / (square * G) : 0;
+    const double share_h = steep ? 0 : share;
+    Eigen::Matrix3d bend = Eigen::Matrix3d::Zero();
+    bend.topLeftCorner<2, 2>() << 2 * (1 + a), 2 * b, 2 * b, 2 * (1 - a);
+    if (!steep) bend(2, 2) = -coefficients.dot(T.bend) / (half_band_mm * half_band_mm);
+    const Eigen::RowVector3d by_y = E_y.transpose() / G - share * g.transpose() * bend;
     jacobian->row(n).head<4>() = by_y * local_slopes(y);
     jacobian->row(n).segment(4, count) =
-        -T.value.transpose() / G + share * E_y.z() / half_band_mm * T.slope.transpose();
+        -T.value.transpose() / G + share_h * g.z() / half_band_mm * T.slope.transpose();
     if (!elliptic) continue;
-    (*jacobian)(n, 4 + count) = (y.x() * y.x() - y.y() * y.y()) / G - share * 2 * (E_y.x() * y.x() - E_y.y() * y.y());
-    (*jacobian)(n, 5 + count) = 2 * y.x() * y.y() / G - share * 2 * (E_y.x() * y.y() + E_y.y() * y.x());
+    (*jacobian)(n, 4 + count) = (y.x() * y.x() - y.y() * y.y()) / G - share * 2 * (g.x() * y.x() - g.y() * y.y());
+    (*jacobian)(n, 5 + count) = 2 * y.x() * y.y() / G - share * 2 * (g.x() * y.y() + g.y() * y.x());
   }
 }
 
@@ -194,6 +197,7 @@ MeridianSurface meridian_through(const Eigen::Matrix3Xd& points, const Eigen::Ve
     largest = std::max(largest, squares[n]);
   }
   surface.half_band_mm = std::max({-low, high, 1e-6 * std::sqrt(largest)});
+  surface.steepest_mm = 6 * std::sqrt(largest);
   Chebyshev T(degree + 1);
   Eigen::MatrixXd A(N, degree + 1);
   for (Eigen::Index n = 0; n < N; ++n) {

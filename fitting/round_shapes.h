@@ -47,6 +47,7 @@ struct Cone {
 struct MeridianSurface {
   AxisFrame axis;
   double half_band_mm = 1;
+  double steepest_mm = 1e300;
   Eigen::VectorXd coefficients;  ///< mm^2
   bool elliptic = false;
   double a = 0, b = 0;  ///< a^2 + b^2 < 1
@@ -61,7 +62,8 @@ struct MeridianSurface {
 Sphere sphere_through(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& weights);
 /// About an axis of this direction: the circle through the points seen along it. Its point is beside the points' mean.
 Cone cylinder_through(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& weights, const Eigen::Vector3d& direction);
-/// About a given axis, with a polynomial of this degree, a = b = 0. The axis's point is moved beside the points' mean.
+/// About a given axis, with a polynomial of this degree, a = b = 0. The axis's point is moved beside the points' mean;
+/// steepest_mm is six times the largest radius (a sphere's pole has twice).
 MeridianSurface meridian_through(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& weights, const AxisFrame& axis,
                                  int degree);
 

@@ -247,7 +247,10 @@ TEST(LocalFrame, TellsWhyThereIsNone) {
   EXPECT_THAT(message(test::moved(X, points)), contains("line"));
   points.colwise() = Eigen::Vector3d(100, 200, 300);
   EXPECT_THAT(message(points), contains("coincide"));
-  for (int k = 0; k < 300; ++k) points.col(k) << 20 * std::cos(k * 0.02), 20 * std::sin(k * 0.02), 0.05 * k * k / 20;
+  for (int k = 0; k < 300; ++k) {  // Viviani's curve: a sphere and a cylinder meet in it
+    const double t = 0.02 * k;
+    points.col(k) << 20 * (1 + std::cos(t)), 20 * std::sin(t), 40 * std::sin(t / 2);
+  }
   EXPECT_THAT(message(test::moved(X, points)), contains("curve"));
   // Too little of a circle: an answer with a warning.
   Eigen::Matrix3Xd strip = test::cylinder_sector(random, 600, 50, 4, 0.12);

@@ -220,7 +220,9 @@ TEST(SurfaceSample, NeighbourhoodsGrowWithTheNoise) {
     EXPECT_GE(sample.points.cols(), 3000);
     EXPECT_GE(sample.neighbours, before);
     before = sample.neighbours;
-    EXPECT_NEAR(sample.noise_mm / sigma, 1, 0.25) << sigma;
+    // What the planes leave of the curvature is in it.
+    EXPECT_GT(sample.noise_mm / sigma, 0.9) << sigma;
+    EXPECT_LT(sample.noise_mm / sigma, 1.7) << sigma;
     double square = 0;
     for (Eigen::Index k = 0; k < sample.normals.cols(); ++k)
       square += std::pow(test::angle_deg(sample.normals.col(k), sample.middles.col(k)), 2);
