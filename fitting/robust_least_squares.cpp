@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kTukeyFactor = 4.685;
 constexpr int kMostSteps = 60;
+constexpr double kStill = 1e-5;  // of the scale: a step that moves the shape so little is the last
 
 }  // namespace
 
@@ -73,7 +74,7 @@ RobustSolution solve_robustly(const RobustProblem& problem, const Eigen::VectorX
       break;
     }
     // What the step changes in the residuals, beside what they are.
-    solution.converged = (J * step).norm() <= 1e-7 * std::sqrt(counted) * scale;
+    solution.converged = (J * step).norm() <= kStill * std::sqrt(counted) * scale;
     problem.accept(step);
     problem.evaluate(here, residuals, &J);
   }

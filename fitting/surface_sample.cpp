@@ -13,6 +13,8 @@
 namespace celadon {
 namespace {
 
+constexpr std::size_t kDeciding = 200;
+
 struct Plane {
   Eigen::Vector3d middle, normal;
   double deviation = 0;  // standard deviation about the plane
@@ -79,28 +81,31 @@ SurfaceSample sample_surface(const Eigen::Matrix3Xd& points, int most_points, in
     if (sample.weights[k] > 0) members.push_back(k);
   }
 
+  // Planes at so many of the members, evenly.
+  const auto planes_at = [&](std::size_t places, int count) {
+    std::vector<Plane> planes(places);
+    for (std::size_t a = 0; a < places; ++a) {
+      const Eigen::Index k = members[a * members.size() / places];
+      planes[a] = plane_through(sample.points, tree.nearest(sample.points.col(k), count));
+    }
+    return planes;
+  };
   const auto anchors = std::min<std::size_t>(members.size(), static_cast<std::size_t>(most_normals));
-  std::vector<Plane> planes(anchors);
-  double before = 0;
   for (int count = static_cast<int>(std::min<Eigen::Index>(12, N));; count *= 2) {
-    std::vector<Plane> now(anchors);
     std::vector<double> deviations, widths;
-    for (std::size_t a = 0; a < anchors; ++a) {
-      const Eigen::Index k = members[a * members.size() / anchors];
-      now[a] = plane_through(sample.points, tree.nearest(sample.points.col(k), count));
-      deviations.push_back(now[a].deviation);
-      widths.push_back(now[a].width);
+    for (const Plane& plane : planes_at(std::min(anchors, kDeciding), count)) {
+      deviations.push_back(plane.deviation);
+      widths.push_back(plane.width);
     }
     const double deviation = median(deviations), width = median(widths);
-    if (sample.neighbours > 0 && deviation > 1.4 * before) break;  // they bend: the last ones were better
-    planes = std::move(now);
+    if (sample.neighbours > 0 && deviation > 1.4 * sample.noise_mm) break;  // they bend: the last ones were better
     sample.neighbours = count;
     sample.noise_mm = deviation;
     sample.normal_noise_rad = width > 0 ? deviation / (width * std::sqrt(static_cast<double>(count))) : 0;
-    before = deviation;
     if (sample.normal_noise_rad <= 0.01 && width >= 3 * deviation) break;
     if (2 * count > N / 6) break;
   }
+  const std::vector<Plane> planes = planes_at(anchors, sample.neighbours);
   sample.middles.resize(3, static_cast<Eigen::Index>(anchors));
   sample.normals = sample.middles;
   sample.normal_weights.resize(static_cast<Eigen::Index>(anchors));
