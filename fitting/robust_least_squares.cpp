@@ -51,9 +51,14 @@ RobustSolution solve_robustly(const RobustProblem& problem, const Eigen::VectorX
   problem.evaluate(here, residuals, &J);
   if (!residuals.allFinite()) return solution;
   double scale = 0, damping = 1e-4;
+  bool follow = true;
   for (int round = 0; round < kMostSteps && !solution.converged; ++round) {
-    // The scale follows the residuals at first and stands still at the end, so that the cost has a minimum.
-    if (round < kMostSteps / 2) scale = std::max(least_scale, freedom * median_scale(residuals, weights));
+    // The scale follows the residuals until it hardly changes; then it stands still, so that the cost has a minimum.
+    if (follow) {
+      const double now = std::max(least_scale, freedom * median_scale(residuals, weights));
+      follow = round < kMostSteps / 2 && std::abs(now - scale) > 0.01 * scale;
+      scale = now;
+    }
     for (Eigen::Index k = 0; k < N; ++k) applied[k] = weights[k] * tukey_weight(residuals[k], scale);
     const Eigen::MatrixXd A = J.transpose() * (applied.asDiagonal() * J);
     const Eigen::VectorXd b = -(J.transpose() * applied.cwiseProduct(residuals));
