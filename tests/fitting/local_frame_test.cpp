@@ -91,9 +91,9 @@ Errors run(const Case& c, std::uint64_t seed, int trials, double sigma, double s
 TEST(LocalFrame, OfCleanShapesIsExact) {
   for (const Case& c : kCases) {
     const bool exact = c.shape != FrameShape::revolution && c.shape != FrameShape::elliptic;
-    const Errors errors = run(c, 1, 5, 0, 0);
+    const Errors errors = run(c, 1, 3, 0, 0);
     if (exact) {
-      EXPECT_EQ(errors.right_shape, 5) << c.name;
+      EXPECT_EQ(errors.right_shape, 3) << c.name;
     }
     // Meridians that no polynomial of degree 8 follows are still round.
     EXPECT_LT(errors.axis_deg.back(), exact ? 1e-6 : 0.02) << c.name;
@@ -103,48 +103,50 @@ TEST(LocalFrame, OfCleanShapesIsExact) {
 
 TEST(LocalFrame, OfNoisyShapes) {
   for (const Case& c : kCases) {
-    const Errors errors = run(c, 2, 12, 0.3, 0);
-    EXPECT_GE(errors.right_shape, 11) << c.name;
+    const Errors errors = run(c, 2, 6, 0.3, 0);
+    EXPECT_EQ(errors.right_shape, 6) << c.name;
     EXPECT_LT(errors.axis_deg.back(), 0.5) << c.name;
     EXPECT_LT(errors.origin_mm.back(), 0.4) << c.name;
-    printf("%-24s noise 0.3: axis %.4f deg, origin %.4f mm\n", c.name, errors.axis_deg.back(), errors.origin_mm.back());
   }
 }
 
 TEST(LocalFrame, StraysDoNotMoveIt) {
   for (const Case& c : kCases) {
-    const Errors errors = run(c, 3, 12, 0.1, 0.1);
-    EXPECT_GE(errors.right_shape, 11) << c.name;
+    const Errors errors = run(c, 3, 6, 0.1, 0.1);
+    EXPECT_EQ(errors.right_shape, 6) << c.name;
     EXPECT_LT(errors.axis_deg.back(), 0.25) << c.name;
     EXPECT_LT(errors.origin_mm.back(), 0.2) << c.name;
-    printf("%-24s strays: axis %.4f deg, origin %.4f mm\n", c.name, errors.axis_deg.back(), errors.origin_mm.back());
   }
 }
 
 // A tenth of the radius is three standard deviations: the end of the thesis's figure 4.3.
 TEST(LocalFrame, AtTheStrongestNoiseOfFigure_4_3) {
   for (const Case& c : kCases) {
-    const Errors errors = run(c, 4, 12, 1, 0);
-    printf("%-24s noise 1: axis %.4f %.4f deg, origin %.4f %.4f mm, right %d\n", c.name, errors.axis_deg[6],
-           errors.axis_deg.back(), errors.origin_mm[6], errors.origin_mm.back(), errors.right_shape);
-    EXPECT_LT(errors.axis_deg.back(), 2) << c.name;
-    EXPECT_LT(errors.origin_mm.back(), 2) << c.name;
+    const Errors errors = run(c, 4, 6, 1, 0);
+    EXPECT_EQ(errors.right_shape, 6) << c.name;
+    EXPECT_LT(errors.axis_deg.back(), 1) << c.name;
+    EXPECT_LT(errors.origin_mm.back(), 0.6) << c.name;
   }
 }
 
-RC_GTEST_PROP(LocalFrame, MovesAndScalesWithThePoints, (std::uint64_t seed)) {
-  test::Random random(seed);
-  const Case& c = kCases[seed % std::size(kCases)];
-  Eigen::Matrix3Xd points = c.points(random);
-  test::add_noise(random, points, 0.1);
-  const Eigen::Isometry3d X = test::random_motion(random, 100);
-  const double scale = std::pow(10.0, test::uniform(random, -2, 2));
-  const LocalFrame here = frame_of(points), there = frame_of(scale * test::moved(X, points));
-  RC_ASSERT(here.shape == there.shape);
-  RC_ASSERT((X * here.X_SL.translation() - there.X_SL.translation() / scale).norm() < 1e-4);
-  if (here.shape != FrameShape::sphere)
-    RC_ASSERT(test::angle_deg(X.linear() * here.X_SL.linear().col(2), there.X_SL.linear().col(2)) < 1e-4);
-  RC_ASSERT(std::abs(there.scale_mm / (scale * here.scale_mm) - 1) < 1e-4);
+TEST(LocalFrame, MovesAndScalesWithThePoints) {
+  test::Random random(5);
+  for (const Case& c : kCases) {
+    for (int trial = 0; trial < 2; ++trial) {
+      Eigen::Matrix3Xd points = c.points(random);
+      test::add_noise(random, points, 0.1);
+      const Eigen::Isometry3d X = test::random_motion(random, 100);
+      const double scale = std::pow(10.0, test::uniform(random, -2, 2));
+      const LocalFrame here = frame_of(points), there = frame_of(scale * test::moved(X, points));
+      EXPECT_EQ(here.shape, there.shape) << c.name;
+      EXPECT_LT((X * here.X_SL.translation() - there.X_SL.translation() / scale).norm(), 1e-4) << c.name;
+      if (here.shape != FrameShape::sphere) {
+        EXPECT_LT(test::angle_deg(X.linear() * here.X_SL.linear().col(2), there.X_SL.linear().col(2)), 1e-4) << c.name;
+      }
+      EXPECT_NEAR(there.scale_mm / (scale * here.scale_mm), 1, 1e-3) << c.name;
+      EXPECT_NEAR(there.noise_mm / (scale * here.noise_mm), 1, 1e-6) << c.name;
+    }
+  }
 }
 
 // Errors over promised standard deviations: a mean square of 1, of two components each.
@@ -155,7 +157,7 @@ TEST(LocalFrame, KnowsHowSureItIs) {
     double axis = 0, origin = 0;
     const int trials = 40;
     for (int trial = 0; trial < trials; ++trial) {
-      Eigen::Matrix3Xd points = c.points(random);
+      Eigen::Matrix3Xd points = c.points(random).leftCols(1000);
       test::add_noise(random, points, 0.2);
       const LocalFrame frame = frame_of(points);
       const Eigen::Vector3d o = frame.X_SL.translation();
