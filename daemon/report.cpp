@@ -98,6 +98,14 @@ nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes
     json["solid"] = {
         {"volume_mm3", notes.solid->volume_mm3}, {"valid", notes.solid->valid}, {"faces", notes.solid->faces}};
   }
+  if (notes.own_axis) {
+    const LocalFrame& own = *notes.own_axis;
+    json["own_axis"] = {{"shape", to_string(own.shape)},
+                        {"reason", own.reason},
+                        {"axis_sd_rad", own.axis_sd_rad},
+                        {"origin_sd_mm", own.origin_sd_mm},
+                        {"inliers", own.inliers}};
+  }
   return json;
 }
 

@@ -15,6 +15,8 @@
 #include "daemon/report.h"
 #include "daemon/results.h"
 #include "daemon/usage_error.h"
+#include "fitting/even_sample.h"
+#include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
 
 namespace celadon::cli {
@@ -74,6 +76,34 @@ void accumulate(ProfileStream& samples, MomentGrid& sums, FirstLook& look) {
   }
 }
 
+// From an even sample of the file, in the file's frame.
+tl::expected<LocalFrame, std::string> own_frame(ProfileStream& samples) {
+  EvenSample<Eigen::Vector3d> kept(12000);
+  samples.rewind();
+  while (const Profile* profile = samples.next()) {
+    for (std::size_t k = 0; k < profile->size(); ++k) {
+      kept.add([&] {
+        const double r = profile->r_mm[k], t = profile->theta_rad[k];
+        return Eigen::Vector3d(r * std::cos(t), r * std::sin(t), profile->z_mm[k]);
+      });
+    }
+  }
+  Eigen::Matrix3Xd points(3, static_cast<Eigen::Index>(kept.values().size()));
+  for (std::size_t k = 0; k < kept.values().size(); ++k) points.col(static_cast<Eigen::Index>(k)) = kept.values()[k];
+  auto frame = local_frame(points);
+  if (!frame) return tl::make_unexpected(frame.error().message);
+  return *frame;
+}
+
+// The fit of samples in a local frame as a surface in the frame outside.
+void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL) {
+  const RangeFunction& f = fitted.function;
+  BaseCylinder base = f.base();
+  base.X_WB = X_WL * base.X_WB;
+  fitted.function = RangeFunction(base, f.degree_u(), f.degree_v(), f.knots_u(), f.knots_v(), f.coefficients());
+  fitted.surface = symbolic_product(fitted.function);
+}
+
 int fit(const FitArguments& arguments) {
   // Outputs are checked before hours of work, not after.
   std::vector<std::pair<ResultFormat, std::filesystem::path>> outputs;
@@ -102,8 +132,19 @@ int fit(const FitArguments& arguments) {
   const auto unit = millimetres_per_unit(arguments.unit);
   if (!unit) return fail(2, unit.error());
   cloud.millimetres_per_unit = *unit;
-  const auto samples = open_cloud(arguments.input, cloud);
+  auto samples = open_cloud(arguments.input, cloud);
   if (!samples) return fail(2, samples.error().message);
+  if (arguments.axis == "auto") {
+    const auto own = own_frame(**samples);
+    if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
+    if (!own) return fail(2, "'" + arguments.input + "': " + own.error());
+    notes.own_axis = *own;
+    notes.warnings = own->warnings;
+    cloud.X_SF = own->X_SL.inverse();
+    samples = open_cloud(arguments.input, cloud);
+    if (!samples) return fail(2, samples.error().message);
+    notes.seconds.push_back({"axis", watch.lap()});
+  }
 
   const RangeFitOptions options = fit_options(arguments);
   const auto grid = choose_grid(**samples, options);
@@ -121,7 +162,8 @@ int fit(const FitArguments& arguments) {
   ProfileStream* const whole[] = {samples->get()};
   auto surface = fit_surface(sums, look, whole, options);
   if (!surface) return fail(2, "'" + arguments.input + "': " + surface.error().message);
-  const RangeFit fitted = measure_errors(std::move(*surface), whole);
+  RangeFit fitted = measure_errors(std::move(*surface), whole);
+  if (notes.own_axis) place(fitted, notes.own_axis->X_SL);
   notes.seconds.push_back({"fit", watch.lap()});
 
   notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
@@ -157,7 +199,8 @@ void add_fit_command(CLI::App& program, Run& run) {
   auto* command = program.add_subcommand(
       "fit",
       "Fit an exact NURBS surface to a point cloud (PLY, PCD, XYZ, CSV) or to native samples\n"
-      "(CSV with the header r,theta,z: mm and radians). The rotary axis must pass through the origin.");
+      "(CSV with the header r,theta,z: mm and radians). The rotary axis must pass through the origin,\n"
+      "unless --axis auto finds it.");
   command->option_defaults()->always_capture_default();
   command->add_option("INPUT", arguments->input, "file to read")->required();
   command
@@ -168,8 +211,10 @@ void add_fit_command(CLI::App& program, Run& run) {
   command->add_option("--shape", arguments->shape, "base geometry")->check(CLI::IsMember({"cylinder"}));
   command->add_option("--model", arguments->model, "how general the surface is")
       ->check(CLI::IsMember({"auto", "cylinder", "revolution", "translational", "general"}));
-  command->add_option("--axis", arguments->axis, "axis of the file that is the rotary axis")
-      ->check(CLI::IsMember({"x", "y", "z"}));
+  command
+      ->add_option("--axis", arguments->axis,
+                   "axis of the file that is the rotary axis; auto: the shape's own, wherever it is")
+      ->check(CLI::IsMember({"x", "y", "z", "auto"}));
   command->add_option("--unit", arguments->unit, "unit of length of the file: um, mm, cm, m, in");
   command
       ->add_option("--tolerance", arguments->tolerance_mm,

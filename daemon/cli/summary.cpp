@@ -37,6 +37,14 @@ std::string summary_of(const json& report) {
   text += line("  surface     %s, degree (%d, %d), %d x %d control points", report["model"].get<std::string>().c_str(),
                report["degree"][0].get<int>(), report["degree"][1].get<int>(), report["control_points"][0].get<int>(),
                report["control_points"][1].get<int>());
+  if (report.contains("own_axis")) {
+    const auto& origin = report["frame"]["origin"];
+    const auto& z = report["frame"]["z"];
+    text += line("  axis        through %.3f %.3f %.3f along %.5f %.5f %.5f", origin[0].get<double>(),
+                 origin[1].get<double>(), origin[2].get<double>(), z[0].get<double>(), z[1].get<double>(),
+                 z[2].get<double>());
+    text += "              " + report["own_axis"]["reason"].get<std::string>() + "\n";
+  }
   text += line("  chosen      %s", report["decided_by"].get<std::string>().c_str());
   text += line("  samples     %llu, of which %llu rejected and %.2f %% that no single-valued surface can follow",
                static_cast<unsigned long long>(report["points"]), static_cast<unsigned long long>(report["rejected"]),

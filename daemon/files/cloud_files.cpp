@@ -93,6 +93,12 @@ class PointCloud : public CloudFile {
     profile_.order = ProfileOrder::scattered;
     profile_.r_mm.resize(count);
     profile_.theta_rad.resize(count);
+    if (options_.X_SF) {
+      move_to_frame(*options_.X_SF, count);
+      to_polar(column_[0].data(), column_[1].data(), count, profile_.r_mm.data(), profile_.theta_rad.data());
+      profile_.z_mm.assign(column_[2].begin(), column_[2].begin() + static_cast<std::ptrdiff_t>(count));
+      return;
+    }
     if (native_) {
       std::copy_n(column_[0].begin(), count, profile_.r_mm.begin());
       std::copy_n(column_[1].begin(), count, profile_.theta_rad.begin());
@@ -105,6 +111,16 @@ class PointCloud : public CloudFile {
     const auto& y = column_[(third + 2) % 3];
     to_polar(x.data(), y.data(), count, profile_.r_mm.data(), profile_.theta_rad.data());
     profile_.z_mm.assign(column_[third].begin(), column_[third].begin() + static_cast<std::ptrdiff_t>(count));
+  }
+
+  void move_to_frame(const Eigen::Isometry3d& X_SF, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const double a = column_[0][i], b = column_[1][i], c = column_[2][i];
+      const Eigen::Vector3d p_F =
+          native_ ? Eigen::Vector3d(a * std::cos(b), a * std::sin(b), c) : Eigen::Vector3d(a, b, c);
+      const Eigen::Vector3d p_S = X_SF * p_F;
+      for (std::size_t j = 0; j < 3; ++j) column_[j][i] = p_S[static_cast<Eigen::Index>(j)];
+    }
   }
 
   InputFile file_;

@@ -1,9 +1,11 @@
 #pragma once
 // Readers of point clouds as profile streams, and of native samples. Depends on fitting/profile.h only.
 
+#include <Eigen/Geometry>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <tl/expected.hpp>
@@ -18,6 +20,8 @@ tl::expected<double, std::string> millimetres_per_unit(const std::string& unit);
 
 struct CloudOptions {
   Axis axis = Axis::z;  ///< becomes z, by the cyclic permutation of the axes that keeps the frame right-handed
+  /// The file's frame (mm; of native samples their own) in the frame samples are given in, instead of `axis`.
+  std::optional<Eigen::Isometry3d> X_SF;
   double millimetres_per_unit = 1;
   std::size_t samples_per_profile = 4096;
 };
