@@ -141,7 +141,8 @@ BaseSurface read_base(const Reader& field) {
   }
   BaseSurface base;
   if (kind == "sphere") base.kind = BaseKind::sphere;
-  const char *start_name = base.spherical() ? "w_start" : "z_start_mm", *end_name = base.spherical() ? "w_end" : "z_end_mm";
+  const char *start_name = base.spherical() ? "w_start" : "z_start_mm",
+             *end_name = base.spherical() ? "w_end" : "z_end_mm";
   base.band_start = field.at(start_name).number();
   base.band_end = field.at(end_name).number();
   if (!(base.band_start < base.band_end)) field.at(end_name).fail(std::string("is not above ") + start_name);

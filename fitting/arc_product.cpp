@@ -1,6 +1,6 @@
 // Every coefficient of a product is the blossom of a product of Bezier segments (A.11) at consecutive knots of the
-// product; that is linear in the few coefficients of F on the segment, so each has one short row of weights. Blossoms at
-// the final knots also make the removal of knots (A.1, step 4) unnecessary: none is put in that would have to go.
+// product; that is linear in the few coefficients of F on the segment, so each has one short row of weights. Blossoms
+// at the final knots also make the removal of knots (A.1, step 4) unnecessary: none is put in that would have to go.
 #include "fitting/arc_product.h"
 
 #include <Eigen/Core>

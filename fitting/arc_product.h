@@ -1,5 +1,6 @@
 #pragma once
-// Products of splines with the base arcs, in one direction. Source: thesis (A.4) - (A.11); README.md, "Symbolic product".
+// Products of splines with the base arcs, in one direction. Source: thesis (A.4) - (A.11); README.md, "Symbolic
+// product".
 
 #include <array>
 #include <span>

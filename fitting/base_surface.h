@@ -21,7 +21,7 @@ enum class BaseKind : std::uint8_t {
 struct BaseSurface {
   BaseKind kind = BaseKind::cylinder;
   BaseArcs arcs = BaseArcs::full_circle();
-  double band_start = 0, band_end = 1;  ///< of the coordinate along: mm, or w within [0, 2]
+  double band_start = 0, band_end = 1;                     ///< of the coordinate along: mm, or w within [0, 2]
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  ///< base frame in the scanner frame (lengths in mm)
 
   bool spherical() const { return kind == BaseKind::sphere; }

@@ -101,8 +101,7 @@ BendingEnergy spherical_energy(const RangeSpace& u, const RangeSpace& v, const B
         for (std::size_t b = 0; b < active.size(); ++b) {
           const double f00 = f[a][0] * f[b][0], f11 = f[a][1] * f[b][1], f01 = f[a][0] * f[b][1] + f[a][1] * f[b][0];
           // Beside V0, 2 V1 and V2. Around a closed circle the product of rho_tt and rho is -rho_t^2.
-          energy.along_u[2](active[a], active[b]) +=
-              weight * (f[a][2] * f[b][2] * s + (closed ? f11 * c * c / s : 0));
+          energy.along_u[2](active[a], active[b]) += weight * (f[a][2] * f[b][2] * s + (closed ? f11 * c * c / s : 0));
           energy.along_u[1](active[a], active[b]) +=
               weight * ((f11 - c / s * f01 + c * c / (s * s) * f00) / s - (closed ? 0.5 * f01 * c / (s * s) : 0));
           energy.along_u[0](active[a], active[b]) += weight * f00 / (s * s * s);

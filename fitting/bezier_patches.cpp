@@ -82,6 +82,7 @@ void BezierPatches::add(const RangeFunction& f, double sign) {
 
 BezierPatches::BezierPatches(const RangeFunction& f)
     : arcs_(f.base().arcs), degree_u_(f.degree_u()), degree_v_(f.degree_v()) {
+  require_cylinder(f, "BezierPatches");
   z_ = merged(z_breaks(f), {}, f.base().band_start, f.base().band_end);
   v_ = merged(breaks_of(f.knots_v()).values, joints(arcs_), 0, arcs_.count());
   add(f, 1);
@@ -91,6 +92,8 @@ BezierPatches::BezierPatches(const RangeFunction& a, const RangeFunction& b)
     : arcs_(a.base().arcs),
       degree_u_(std::max(a.degree_u(), b.degree_u())),
       degree_v_(std::max(a.degree_v(), b.degree_v())) {
+  require_cylinder(a, "BezierPatches");
+  require_cylinder(b, "BezierPatches");
   if (a.base().X_WB.matrix() != b.base().X_WB.matrix() || arcs_ != b.base().arcs) {
     throw std::invalid_argument("BezierPatches: the two functions have different frames or arcs");
   }

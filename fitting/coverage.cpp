@@ -12,8 +12,8 @@ constexpr double kSamplesPerBin = 16;
 // A bin with less than this share of the usual count holds stray samples, not the object.
 constexpr double kStrayShare = 0.05;
 
-// A gap at a pole is closed if it is no wider than the cells, or if so few samples would lie in it, were they as dense as
-// around it, that a sector has none by chance.
+// A gap at a pole is closed if it is no wider than the cells, or if so few samples would lie in it, were they as dense
+// as around it, that a sector has none by chance.
 constexpr double kGapCells = 1.5, kExpectedInSector = 10;
 
 void close_poles(const MomentGrid& sums, const Eigen::VectorXd& row_count, CoveredBand& band) {
@@ -71,6 +71,7 @@ CoveredBand find_covered_band(const MomentGrid& sums, const SectorExtents* exten
   const int nz = sums.z_cells(), sectors = sector_count(sums), per_sector = sums.v_cells() / sectors;
   const bool spherical = sums.specification().base == BaseKind::sphere;
   band.sectors = sectors;
+  band.base = sums.specification().base;
   const MomentLayout& layout = sums.layout();
   // Weight and first moment along z of each (row, sector).
   Eigen::MatrixXd count = Eigen::MatrixXd::Zero(nz, sectors), first = count;

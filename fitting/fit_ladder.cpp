@@ -24,8 +24,8 @@ int FitLadder::joint_cell() const {
   return joint > band_.first && joint < band_.last ? joint : 0;
 }
 
-// The ends of the band, the joint, and the level's uniform edges between them that are at least half an interval away from both:
-// no interval at a rim is shorter than half of the others, and dropping edges keeps the levels nested.
+// The ends of the band, the joint, and the level's uniform edges between them that are at least half an interval away
+// from both: no interval at a rim is shorter than half of the others, and dropping edges keeps the levels nested.
 std::vector<int> FitLadder::edges(int level_u) const {
   const int step = 1 << level_u;
   std::vector<int> result{band_.first};

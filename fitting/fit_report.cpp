@@ -58,7 +58,13 @@ std::optional<FitError> refuse(const MomentGrid& sums, const RangeFitOptions& op
 }
 
 std::optional<FitError> refuse(const CoveredBand& band, bool whole_turn) {
-  if (band.sectors_with_samples == 0 || band.cells.first >= band.cells.last)
+  const bool nothing_covered = band.sectors_with_samples == 0 || band.cells.first >= band.cells.last;
+  if (nothing_covered && band.base == BaseKind::sphere)
+    return FitError{
+        text("no polar angle has samples all around (%d of %d sectors have any); scan the whole turn, or check "
+             "the axis and the centre",
+             band.sectors_with_samples, band.sectors)};
+  if (nothing_covered)
     return FitError{
         text("no height between z = %.6g and %.6g mm has samples all around (%d of %d sectors have any); scan the "
              "whole turn, or check the axis",
@@ -142,9 +148,8 @@ void warn(RangeFit& fit, const CoveredBand& band) {
     return 100.0 * static_cast<double>(n) / static_cast<double>(std::max<std::size_t>(report.points, 1));
   };
   const bool spherical = fit.function.base().spherical();
-  const double height = spherical
-                            ? (report.phi_end_rad - report.phi_start_rad) * fit.function.coefficients().mean()
-                            : report.z_end_mm - report.z_start_mm;
+  const double height = spherical ? (report.phi_end_rad - report.phi_start_rad) * fit.function.coefficients().mean()
+                                  : report.z_end_mm - report.z_start_mm;
   if (band.sectors_with_samples < band.sectors)
     report.warnings.push_back(
         text("%d of %d sectors around the axis have no samples over most of the height; the surface bridges them.",

@@ -182,7 +182,8 @@ ModelDecision select_model(const FitLadder& ladder, const ReferenceFit& referenc
   decision.model = chosen.value_or(SurfaceModel::general);
   decision.statistical = statistical.value_or(SurfaceModel::general);
   decision.decided_by = (chosen ? why : "general: every simpler model is contradicted (" + last_refusal + ")") +
-                        "; without a form tolerance the samples alone say " + to_string(decision.statistical, general.base());
+                        "; without a form tolerance the samples alone say " +
+                        to_string(decision.statistical, general.base());
   return decision;
 }
 

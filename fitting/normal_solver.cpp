@@ -205,7 +205,8 @@ bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, double to
 bool NormalSolver::solve_field(const AlignedVector<double>& b, double tolerance, AlignedVector<double>& x) {
   const StencilMatrix& a = equations_.matrix();
   const bool banded = a.count_u() == 1 || a.count_v() == 1;  // its factor costs as little as the matrix itself
-  const bool direct = options_.direct || banded || equations_.jets() || a.size() <= kSmall || equations_.weight() < kSparse * a.size();
+  const bool direct =
+      options_.direct || banded || equations_.jets() || a.size() <= kSmall || equations_.weight() < kSparse * a.size();
   if (!factor_ && !direct && conjugate_gradients(b, tolerance, x)) return true;
   if (!factorise()) return false;
   x.resize(b.size());

@@ -19,8 +19,8 @@
 
 namespace celadon {
 
-/// The pair of spaces a range function is sought in: u over z in millimetres, on a sphere over its meridian's parameter,
-/// where its ends may be closed poles; v over the arcs' parameter.
+/// The pair of spaces a range function is sought in: u over z in millimetres, on a sphere over its meridian's
+/// parameter, where its ends may be closed poles; v over the arcs' parameter.
 struct FitSpace {
   RangeSpace u, v;
   Poles poles{};

@@ -44,8 +44,7 @@ Eigen::MatrixXd harmonics(const RangeSpace& v, const BaseArcs& arcs) {
                                                 std::sin(2 * theta)};
       for (std::size_t a = 0; a < active.size(); ++a) {
         for (std::size_t b = 0; b < active.size(); ++b)
-          gram(active[a], active[b]) +=
-              weight * N[static_cast<Eigen::Index>(a)] * N[static_cast<Eigen::Index>(b)];
+          gram(active[a], active[b]) += weight * N[static_cast<Eigen::Index>(a)] * N[static_cast<Eigen::Index>(b)];
         for (std::size_t h = 0; h < f.size(); ++h)
           right(active[a], static_cast<Eigen::Index>(h)) += weight * N[static_cast<Eigen::Index>(a)] * f[h];
       }

@@ -18,8 +18,8 @@ struct Poles {
   bool operator==(const Poles&) const = default;
 };
 
-/// The free coefficients of a pair of spaces that closed poles allow: x = P y, where y holds a few parameters a pole and
-/// the coefficients of all rows that no pole binds. P has orthonormal columns.
+/// The free coefficients of a pair of spaces that closed poles allow: x = P y, where y holds a few parameters a pole
+/// and the coefficients of all rows that no pole binds. P has orthonormal columns.
 class PoleJets {
  public:
   /// `u` over BaseSurface::meridian(), `v` over `around`. Degree 1 along u is continuous only: one parameter a pole.

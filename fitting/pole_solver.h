@@ -1,6 +1,6 @@
 #pragma once
-// Normal equations between closed poles: the rows without a pole by their own factor, the few parameters of the poles as
-// its border. Source: README.md, "Poles".
+// Normal equations between closed poles: the rows without a pole by their own factor, the few parameters of the poles
+// as its border. Source: README.md, "Poles".
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>

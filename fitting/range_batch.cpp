@@ -238,6 +238,7 @@ RangeBatch::RangeBatch(const RangeFunction& f)
       per_height_(1 / (f.base().band_end - f.base().band_start)),
       sine_(2 * std::sin(f.base().arcs.arc_rad() / 2)),
       bulge_(4 * std::pow(std::sin(f.base().arcs.arc_rad() / 4), 2)) {
+  require_cylinder(f, "RangeBatch");
   const IntervalBasis basis_u(f.knots_u(), degree_u_), basis_v(f.knots_v(), degree_v_);
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const auto powers = [](const IntervalBasis& basis, int interval) {

@@ -116,9 +116,8 @@ tl::expected<ModelDecision, FitError> decide_model(Domain& domain, const Noise& 
       select_model(domain.ladder, {*reference->equations, reference->free, levels, noise.variance, noise.inflation},
                    form_tolerance(options, reference->free, domain.band));
   if (options.model != SurfaceModel::automatic) {
-    decision.decided_by =
-        text("%s: as given; left to the samples it would be %s", to_string(options.model, options.base),
-             to_string(decision.model, options.base));
+    decision.decided_by = text("%s: as given; left to the samples it would be %s",
+                               to_string(options.model, options.base), to_string(decision.model, options.base));
     decision.model = options.model;
   }
   return decision;

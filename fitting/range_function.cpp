@@ -26,7 +26,8 @@ RangeFunction::RangeFunction(BaseSurface base, int degree_u, int degree_v, std::
   require_clamped(knots_v_, degree_v_, "RangeFunction, v");
   const auto refuse = [](const std::string& why) { throw std::invalid_argument("RangeFunction: " + why); };
   if (base_.spherical()) {
-    if (!(base_.band_start >= 0 && base_.band_end <= BaseSurface::kMeridianEnd)) refuse("the band is not within [0, 2]");
+    if (!(base_.band_start >= 0 && base_.band_end <= BaseSurface::kMeridianEnd))
+      refuse("the band is not within [0, 2]");
     if (knots_u_.front() != base_.band_start || knots_u_.back() != base_.band_end)
       refuse("knots_u must run over the band");
   } else if (knots_u_.front() != 0 || knots_u_.back() != 1) {
@@ -157,6 +158,11 @@ RangeFunction RangeFunction::clipped(double start, double end) const {
   knots.insert(knots.end(), static_cast<std::size_t>(degree_u_) + 1, spherical ? hi : 1.0);
   const Eigen::MatrixXd coefficients = refined.map * coefficients_;
   return {base, degree_u_, degree_v_, std::move(knots), knots_v_, coefficients.middleRows(first, last - first + 1)};
+}
+
+void require_cylinder(const RangeFunction& function, const char* what) {
+  if (function.base().spherical())
+    throw std::invalid_argument(std::string(what) + ": the range is over a sphere, not over a cylinder");
 }
 
 RangeFunction::Membership RangeFunction::membership(const Eigen::Vector3d& p_W) const {

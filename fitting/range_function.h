@@ -55,4 +55,7 @@ class RangeFunction {
   Eigen::MatrixXd padded_;  // coefficients with zero rows and columns for the padding of the bases
 };
 
+/// For what is made for cylinders only. @throws std::invalid_argument naming `what` if the base is a sphere
+void require_cylinder(const RangeFunction& function, const char* what);
+
 }  // namespace celadon

@@ -53,6 +53,7 @@ Eigen::Vector3d Section::point(double v) const {
 }
 
 Section section(const RangeFunction& range, double z_mm) {
+  require_cylinder(range, "section");
   const BaseSurface& base = range.base();
   if (!(z_mm >= base.band_start && z_mm <= base.band_end)) {
     throw std::invalid_argument("section: " + std::to_string(z_mm) + " mm is outside the band");

@@ -43,6 +43,24 @@ void to_spherical(const Profile& from, double centre_z_mm, Profile& to) {
   }
 }
 
+double centre_on_axis_mm(ProfileStream& cylindrical) {
+  // r^2 + z^2 = 2 z c + (R^2 - c^2), about the mean height: one line through (z, r^2 + z^2).
+  double n = 0, mean_z = 0, mean_q = 0, zz = 0, zq = 0;
+  cylindrical.rewind();
+  while (const Profile* p = cylindrical.next())
+    for (std::size_t k = 0; k < p->size(); ++k) {
+      const double r = p->r_mm[k], z = p->z_mm[k], q = r * r + z * z;
+      if (!std::isfinite(q)) continue;
+      ++n;
+      const double dz = z - mean_z, dq = q - mean_q;
+      mean_z += dz / n;
+      mean_q += dq / n;
+      zz += dz * (z - mean_z);
+      zq += dz * (q - mean_q);
+    }
+  return zz > 0 ? zq / zz / 2 : std::nan("");
+}
+
 const Profile* SphericalStream::next() {
   const Profile* from = from_.next();
   if (from == nullptr) return nullptr;

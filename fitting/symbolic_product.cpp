@@ -20,7 +20,8 @@ Matrix along_u(const ArcProduct& product, int degree, std::array<double, 6> ArcC
   Matrix result = Matrix::Zero(static_cast<Eigen::Index>(product.columns.size()), f.cols());
   for (Eigen::Index i = 0; i < result.rows(); ++i) {
     const ArcColumn& column = product.columns[static_cast<std::size_t>(i)];
-    for (int a = 0; a <= degree; ++a) result.row(i) += (column.*of)[static_cast<std::size_t>(a)] * f.row(column.first + a);
+    for (int a = 0; a <= degree; ++a)
+      result.row(i) += (column.*of)[static_cast<std::size_t>(a)] * f.row(column.first + a);
   }
   return result;
 }
@@ -29,7 +30,8 @@ Matrix along_v(const ArcProduct& product, int degree, std::array<double, 6> ArcC
   Matrix result = Matrix::Zero(f.rows(), static_cast<Eigen::Index>(product.columns.size()));
   for (Eigen::Index j = 0; j < result.cols(); ++j) {
     const ArcColumn& column = product.columns[closed && j + 1 == result.cols() ? 0 : static_cast<std::size_t>(j)];
-    for (int a = 0; a <= degree; ++a) result.col(j) += (column.*of)[static_cast<std::size_t>(a)] * f.col(column.first + a);
+    for (int a = 0; a <= degree; ++a)
+      result.col(j) += (column.*of)[static_cast<std::size_t>(a)] * f.col(column.first + a);
   }
   return result;
 }

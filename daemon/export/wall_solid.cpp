@@ -318,7 +318,8 @@ class BodyBuilder {
     knots_u(1) = 0, knots_u(2) = 1;
     counts_u.Init(2);
     TopoDS_Face face;
-    builder_.MakeFace(face, new Geom_BSplineSurface(poles, weights, knots_u, knots_v, counts_u, counts_v, 1, curve->Degree()),
+    builder_.MakeFace(face,
+                      new Geom_BSplineSurface(poles, weights, knots_u, knots_v, counts_u, counts_v, 1, curve->Degree()),
                       tolerance_mm);
     const auto surface = Handle(Geom_BSplineSurface)::DownCast(BRep_Tool::Surface(face));
     TopoDS_Vertex middle, on_rim = TopExp::FirstVertex(edge);

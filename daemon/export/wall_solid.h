@@ -1,12 +1,12 @@
 #pragma once
-// The solid of OpenCASCADE around a wall: one face that is closed around, and a cap on each end that is no pole; topology
-// built directly.
+// The solid of OpenCASCADE around a wall: one face that is closed around, and a cap on each end that is no pole;
+// topology built directly.
 
 #include <TopoDS_Face.hxx>
 #include <TopoDS_Solid.hxx>
 #include <string>
-#include <vector>
 #include <tl/expected.hpp>
+#include <vector>
 
 #include "fitting/nurbs_surface.h"
 
@@ -27,8 +27,8 @@ struct WallSolid {
 };
 
 /// The exact surface as given (no re-approximation), a seam with two pcurves at v's start, rims that are the exact
-/// isoparametric curves u = start and u = end, shared by the caps; an end whose control points coincide is a pole with a
-/// degenerate edge and no cap. A wall over a cylinder (S_u x S_v inward) is capped by plane discs; one over a sphere
+/// isoparametric curves u = start and u = end, shared by the caps; an end whose control points coincide is a pole with
+/// a degenerate edge and no cap. A wall over a cylinder (S_u x S_v inward) is capped by plane discs; one over a sphere
 /// (outward) by fans where its rim is not plane. README.md, "The solid".
 /// Errors: a wall that is not closed in v, not finite, without positive weights, over a cylinder with a rim that is not
 /// plane, or that OpenCASCADE finds invalid; the sentence says what and where.

@@ -19,8 +19,7 @@ struct PointGrid {
   int rows = 0, columns = 0;  ///< intervals along and around
   std::vector<Eigen::Vector3d> p_B;
   const Eigen::Vector3d& at(int i, int j) const {
-    return p_B[static_cast<std::size_t>(i) * static_cast<std::size_t>(columns) +
-               static_cast<std::size_t>(j % columns)];
+    return p_B[static_cast<std::size_t>(i) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(j % columns)];
   }
 };
 
@@ -49,7 +48,8 @@ PointGrid points_of(const RangeFunction& range, int rows, int columns) {
   return grid;
 }
 
-/// Largest distances, along rays, of the surface from edges along, edges around, and diagonals and middles of triangles.
+/// Largest distances, along rays, of the surface from edges along, edges around, and diagonals and middles of
+/// triangles.
 struct Misses {
   double along = 0, around = 0, across = 0;
 };
@@ -101,7 +101,8 @@ TriangleMesh sphere_mesh(const RangeFunction& range, double chord_mm) {
     const auto more = [&](int n, double miss, double allowed) {
       return miss <= allowed ? n : static_cast<int>(std::ceil(n * std::max(kGrowth, std::sqrt(miss / allowed))));
     };
-    const int next_rows = more(rows, misses.along, chord_mm / 2), next_columns = more(columns, misses.around, chord_mm / 2);
+    const int next_rows = more(rows, misses.along, chord_mm / 2),
+              next_columns = more(columns, misses.around, chord_mm / 2);
     if (next_rows == rows && next_columns == columns && misses.across <= chord_mm) break;
     const bool only_across = next_rows == rows && next_columns == columns;
     rows = only_across ? more(rows, misses.across, chord_mm) : next_rows;

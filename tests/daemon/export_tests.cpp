@@ -381,7 +381,8 @@ TEST_F(Export, BodiesOverASphere) {
   const CadResult plane = write(symbolic_product(whole.clipped(0.5, 2))).result;
   EXPECT_EQ(plane.faces, 2);
   const double height = 25 * (1 - std::cos(BaseSurface::meridian().theta_of_v(0.5)));  // of the cap that is missing
-  EXPECT_NEAR(plane.volume_mm3, sphere.result.volume_mm3 - std::numbers::pi * height * height * (75 - height) / 3, 1e-4);
+  EXPECT_NEAR(plane.volume_mm3, sphere.result.volume_mm3 - std::numbers::pi * height * height * (75 - height) / 3,
+              1e-4);
 
   // Three lobes: the rim is not plane.
   Eigen::MatrixXd f = Eigen::MatrixXd::Constant(5, 9, 25);

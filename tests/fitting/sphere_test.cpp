@@ -10,7 +10,11 @@
 #include "fitting/fit_ladder.h"
 #include "fitting/nurbs_surface.h"
 #include "fitting/pole_jets.h"
+#include "fitting/range_batch.h"
 #include "fitting/range_function.h"
+#include "fitting/section.h"
+#include "fitting/solid_properties.h"
+#include "fitting/surface_comparison.h"
 #include "tests/fitting/sphere_tools.h"
 #include "tests/fitting/spline_tools.h"
 
@@ -161,9 +165,9 @@ TEST(SphereSurfacePoint, OnAnyMeridianOfASphereOffItsCentre) {
       EXPECT_LT((p.normal_W - (p.p_W - centre) / 25).norm(), 1e-6);
       EXPECT_NEAR(p.curvature_max, 1 / 25.0, 1e-6);
       EXPECT_NEAR(p.curvature_min, 1 / 25.0, 1e-6);
-      EXPECT_NEAR(cos_psi(sphere(), w, derivatives(theta, w).r_mm, derivatives(theta, w).r_theta,
-                          derivatives(theta, w).r_z),
-                  p.normal_W.dot(p.p_W.normalized()), 1e-7);
+      EXPECT_NEAR(
+          cos_psi(sphere(), w, derivatives(theta, w).r_mm, derivatives(theta, w).r_theta, derivatives(theta, w).r_z),
+          p.normal_W.dot(p.p_W.normalized()), 1e-7);
     }
   // At the poles the meridians' slopes are one-sided: theta.phi = a cos(theta) + b sin(theta) beyond the pole is the
   // meridian opposite.
@@ -366,6 +370,34 @@ TEST(SphereFit, ErrorsFallAsTheFourthPowerOnATiltedTangentPlane) {
   EXPECT_LT(errors[1], errors[0] / 10);
   EXPECT_LT(errors[2], errors[1] / 10);
   EXPECT_LT(errors[2], 1e-4);
+}
+
+TEST(SphereFit, WhatIsMadeForCylindersRefusesIt) {
+  const RangeFunction f(sphere(), 0, 0, {0, 2}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
+  EXPECT_THROW(section(f, 1), std::invalid_argument);
+  EXPECT_THROW(RangeBatch{f}, std::invalid_argument);
+  EXPECT_THROW(compare(f, f), std::invalid_argument);
+}
+
+TEST(SphereFit, VolumeAndInertiaOfASphereOffItsCentre) {
+  MemoryStream stream = scattered_body(off_centre_sphere(25, {3, 1, 2}), {.samples = 200000, .centre_z = 10});
+  const auto f = fit_sphere(stream, {}, 10);
+  ASSERT_TRUE(f) << f.error().message;
+  const SolidProperties solid = solid_properties(f->surface);
+  EXPECT_FALSE(solid.v_cross_u_outward);
+  const double volume = 4.0 / 3 * kPi * 25 * 25 * 25;
+  EXPECT_NEAR(solid.volume_mm3 / volume, 1, 1e-6);
+  EXPECT_LT((solid.centroid_mm - Eigen::Vector3d(3, 1, 2)).norm(), 1e-4);  // the base's frame: about its centre
+  EXPECT_NEAR(solid.inertia_mm5(0, 0) / (0.4 * volume * 625), 1, 1e-5);
+}
+
+TEST(SphereFit, CentreOnTheAxisIsThatOfASphereOnIt) {
+  MemoryStream stream = scattered_body([](double, double) { return 25; }, {.phi_high = 1.2, .centre_z = 33});
+  EXPECT_NEAR(centre_on_axis_mm(stream), 33, 1e-9);
+  MemoryStream level;
+  level.profiles.emplace_back();
+  for (int k = 0; k < 9; ++k) test::push(level.profiles.back(), 1 + k, k, 5);
+  EXPECT_TRUE(std::isnan(centre_on_axis_mm(level)));
 }
 
 TEST(SphericalStream, CarriesCovariances) {

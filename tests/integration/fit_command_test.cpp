@@ -73,6 +73,45 @@ TEST(FitCommand, CylinderComesBackExactFromTheStepFile) {
   EXPECT_LT(worst, 1e-9);
 }
 
+// A ball whose centre is off the origin, on the axis: one exact face of degree (2, 2).
+TEST(FitCommand, SphereComesBackExactFromTheStepFile) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> turn(0, 2 * std::numbers::pi), height(-1, 1);
+  std::string text;
+  for (int k = 0; k < 20000; ++k) {
+    const double t = turn(random), c = height(random), s = std::sqrt(1 - c * c);
+    char line[128];
+    std::snprintf(line, sizeof line, "%.17g %.17g %.17g\n", 25 * s * std::cos(t), 25 * s * std::sin(t), 40 + 25 * c);
+    text += line;
+  }
+  const TemporaryFolder folder;
+  const auto input = folder.write("ball.xyz", text);
+  const auto outcome = run({"celadon", "fit", input, "--shape", "sphere", "-o", folder / "b.step", folder / "b.json",
+                            "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json report = json::parse(read_file(folder / "r.json"));
+  EXPECT_EQ(report["base"], "sphere");
+  EXPECT_EQ(report["model"], "sphere");
+  EXPECT_EQ(report["degree"], json({2, 2}));
+  EXPECT_EQ(report["solid"]["faces"], 1);
+  EXPECT_NEAR(report["band_rad"][1], std::numbers::pi, 1e-15);
+  EXPECT_NEAR(report["frame"]["origin"][2], 40, 1e-9);
+  const StepSurface wall = wall_of(folder / "b.step");
+  double worst = 0;
+  for (int i = 0; i <= 40; ++i)
+    for (int j = 0; j <= 97; ++j)
+      worst =
+          std::max(worst, std::abs((at_fraction(wall, i / 40.0, j / 97.0) - Eigen::Vector3d(0, 0, 40)).norm() - 25));
+  EXPECT_LT(worst, 1e-9);
+
+  const auto points = run({"celadon", "evaluate", folder / "b.json", "--polar", "0,90", "--angles", "30"});
+  ASSERT_EQ(points.exit_code, 0) << points.err;
+  EXPECT_TRUE(points.out.starts_with("angle_deg,polar_deg,rho_mm,"));
+  EXPECT_EQ(run({"celadon", "evaluate", folder / "b.json", "--heights", "3"}).exit_code, 2);
+  EXPECT_EQ(run({"celadon", "fit", input, "--centre-z", "3"}).exit_code, 2);
+  EXPECT_EQ(run({"celadon", "fit", input, "--shape", "sphere", "--model", "cylinder"}).exit_code, 2);
+}
+
 TEST(FitCommand, RevolutionComesBackExactFromTheStepFile) {
   // A cubic in z lies in every space of degree 3.
   const auto radius = [](double, double z) { return 30 + 0.2 * z - 0.006 * z * z + 4e-5 * z * z * z; };
