@@ -18,14 +18,14 @@ namespace celadon {
 
 /// What two sets of sums must agree on to be merged.
 struct GridSpecification {
-  /// Over a sphere, samples are (rho, theta, w) in place of (r, theta, z), w the meridian's parameter (base_surface.h),
-  /// and the band is [0, 2].
-  BaseKind base = BaseKind::cylinder;
   double z_start_mm = 0, z_end_mm = 0;      ///< band of the grid, z_start < z_end
   int z_intervals = 32;                     ///< a power of two, uniform over the band
   int intervals_per_arc = 32;               ///< a power of two, uniform in v on each arc
   int degree_u = 3, degree_v = 3;           ///< the largest degrees that can be solved for, 1..5
   BaseArcs arcs = BaseArcs::full_circle();  ///< the whole turn, or the open range that samples are taken from
+  /// Over a sphere, samples are (rho, theta, w) in place of (r, theta, z), w the meridian's parameter (base_surface.h),
+  /// and the band is [0, 2].
+  BaseKind base = BaseKind::cylinder;
   bool operator==(const GridSpecification&) const = default;
 };
 

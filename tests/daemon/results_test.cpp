@@ -148,7 +148,7 @@ TEST(SurfaceJson, NamesWhatIsWrong) {
   }
   json missing = good;
   missing["base"].erase("z_start_mm");
-  EXPECT_NE(parse_surface_json(missing.dump(), "f").error().find("base.band_start is missing"), std::string::npos);
+  EXPECT_NE(parse_surface_json(missing.dump(), "f").error().find("base.z_start_mm is missing"), std::string::npos);
   EXPECT_FALSE(parse_surface_json("", "f"));
   EXPECT_FALSE(parse_surface_json("{\"version\": 1e999}", "f"));
   EXPECT_FALSE(parse_surface_json(std::string(100'000, '['), "f"));

@@ -79,7 +79,7 @@ RC_GTEST_PROP(SurfaceComparison, AgreesWithDenseSamples, (unsigned seed)) {
   const auto c = compare(a, b);
   RC_ASSERT(c.has_value());
   const double lo = c->z_start_mm, hi = c->z_end_mm;
-  RC_ASSERT(lo == std::max(-20.0, upper.z_start_mm));
+  RC_ASSERT(lo == std::max(-20.0, upper.band_start));
   RC_ASSERT(hi == 60);
   const int n = 240, m = 120;
   double sum = 0, square = 0, largest = -1e9, smallest = 1e9;
