@@ -7,14 +7,16 @@ namespace celadon {
 
 Eigen::Vector3d size_of(const RangeFunction& range) {
   constexpr int kAround = 256, kAlong = 128;
-  const BaseCylinder& base = range.base();
+  const BaseSurface& base = range.base();
   Eigen::AlignedBox3d box;
   for (int i = 0; i <= kAlong; ++i) {
-    const double z = base.z_start_mm + (base.z_end_mm - base.z_start_mm) * i / kAlong;
+    const double z = base.band_start + (base.band_end - base.band_start) * i / kAlong;
     for (int j = 0; j < kAround; ++j) {
-      const double theta = 2 * std::numbers::pi * j / kAround;
-      const double r = range(theta, z);
-      box.extend(base.X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta), z));
+      const double theta = 2 * std::numbers::pi * j / kAround, range_mm = range(theta, z);
+      const double phi = base.spherical() ? BaseSurface::meridian().theta_of_v(z) : 0;
+      const double r = base.spherical() ? range_mm * std::sin(phi) : range_mm;
+      box.extend(base.X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta),
+                                             base.spherical() ? range_mm * std::cos(phi) : z));
     }
   }
   return box.sizes();
@@ -47,7 +49,9 @@ nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes
   json["points"] = r.points;
   json["rejected"] = r.rejected;
   json["unfollowable"] = r.unfollowable;
-  json["model"] = to_string(r.model);
+  const BaseSurface& base = fit.function.base();
+  json["base"] = base.spherical() ? "sphere" : "cylinder";
+  json["model"] = to_string(r.model, base.kind);
   json["degree"] = {r.degree_u, r.degree_v};
   json["control_points"] = {r.control_points_u, r.control_points_v};
   json["noise_mm"] = r.noise_mm;
@@ -59,7 +63,11 @@ nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes
   json["stopped_by"] = r.stopped_by;
   json["frame"] = {{"origin", to_json(Eigen::Vector3d(X_WB.translation()))},
                    {"z", to_json(Eigen::Vector3d(X_WB.linear().col(2)))}};
-  json["band_mm"] = {r.z_start_mm, r.z_end_mm};
+  if (base.spherical()) {
+    json["band_rad"] = {r.phi_start_rad, r.phi_end_rad};
+  } else {
+    json["band_mm"] = {r.z_start_mm, r.z_end_mm};
+  }
   json["cut_mm"] = {{"below", r.cut_below_mm}, {"above", r.cut_above_mm}};
   json["size_mm"] = to_json(size_of(fit.function));
   Json warnings = Json::array();
@@ -89,6 +97,14 @@ nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes
   if (notes.solid) {
     json["solid"] = {
         {"volume_mm3", notes.solid->volume_mm3}, {"valid", notes.solid->valid}, {"faces", notes.solid->faces}};
+  }
+  if (notes.own_axis) {
+    const LocalFrame& own = *notes.own_axis;
+    json["own_axis"] = {{"shape", to_string(own.shape)},
+                        {"reason", own.reason},
+                        {"axis_sd_rad", own.axis_sd_rad},
+                        {"origin_sd_mm", own.origin_sd_mm},
+                        {"inliers", own.inliers}};
   }
   return json;
 }

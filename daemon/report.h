@@ -9,6 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/export/cad_client.h"
+#include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
 
 namespace celadon {
@@ -48,6 +49,7 @@ struct ResultNotes {
   std::optional<ScanCounters> scan;
   std::optional<ClosureError> closure_mm;
   std::optional<CadResult> solid;
+  std::optional<LocalFrame> own_axis;  ///< how the surface's frame was found, if it was looked for
 };
 
 /// Extent of the wall along x, y and z of the scanner frame, mm, to about 1e-4 of the size.

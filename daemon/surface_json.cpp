@@ -134,14 +134,21 @@ std::vector<double> read_knots(const Reader& field, int degree, std::optional<do
   return knots;
 }
 
-BaseCylinder read_base(const Reader& field) {
-  if (field.at("kind").text() != "cylinder") {
-    field.at("kind").fail("is \"" + field.at("kind").text() + "\"; this program reads \"cylinder\"");
+BaseSurface read_base(const Reader& field) {
+  const std::string kind = field.at("kind").text();
+  if (kind != "cylinder" && kind != "sphere") {
+    field.at("kind").fail("is \"" + kind + "\"; this program reads \"cylinder\" and \"sphere\"");
   }
-  BaseCylinder base;
-  base.z_start_mm = field.at("z_start_mm").number();
-  base.z_end_mm = field.at("z_end_mm").number();
-  if (!(base.z_start_mm < base.z_end_mm)) field.at("z_end_mm").fail("is not above z_start_mm");
+  BaseSurface base;
+  if (kind == "sphere") base.kind = BaseKind::sphere;
+  const char *start_name = base.spherical() ? "w_start" : "z_start_mm",
+             *end_name = base.spherical() ? "w_end" : "z_end_mm";
+  base.band_start = field.at(start_name).number();
+  base.band_end = field.at(end_name).number();
+  if (!(base.band_start < base.band_end)) field.at(end_name).fail(std::string("is not above ") + start_name);
+  if (base.spherical() && !(base.band_start >= 0 && base.band_end <= BaseSurface::kMeridianEnd)) {
+    field.at(end_name).fail("or w_start is outside 0 .. 2, the meridian's parameters");
+  }
   const int arcs = field.at("arcs").whole(1, 4);
   const double arc = field.at("arc_rad").number(), start = field.at("start_rad").number();
   if (field.at("closed").boolean()) {
@@ -165,9 +172,10 @@ BaseCylinder read_base(const Reader& field) {
   return base;
 }
 
-RangeFunction read_function(const Reader& field, const BaseCylinder& base) {
+RangeFunction read_function(const Reader& field, const BaseSurface& base) {
   const int p = field.at("degree_u").whole(0, 9), q = field.at("degree_v").whole(0, 9);
-  auto knots_u = read_knots(field.at("knots_u"), p, 0., 1.);
+  auto knots_u = base.spherical() ? read_knots(field.at("knots_u"), p, base.band_start, base.band_end)
+                                  : read_knots(field.at("knots_u"), p, 0., 1.);
   auto knots_v = read_knots(field.at("knots_v"), q, 0., double(base.arcs.count()));
   const auto rows = knots_u.size() - static_cast<std::size_t>(p) - 1,
              columns = knots_v.size() - static_cast<std::size_t>(q) - 1;
@@ -216,7 +224,7 @@ NurbsSurface read_surface(const Reader& field) {
 std::string format_surface_json(const SurfaceFile& file) {
   const NurbsSurface& s = file.surface;
   const RangeFunction& f = file.function;
-  const BaseCylinder& base = f.base();
+  const BaseSurface& base = f.base();
   std::string out;
   out.reserve(static_cast<std::size_t>(s.control_points.cols()) * 90 + 4096);
   out +=
@@ -247,10 +255,11 @@ std::string format_surface_json(const SurfaceFile& file) {
   put_rows(out, f.coefficients().rows(), "      ",
            [&](Eigen::Index i) { put_array(out, Eigen::VectorXd(f.coefficients().row(i))); });
 
-  out += "\n  },\n  \"base\": {\n    \"kind\": \"cylinder\",\n    \"z_start_mm\": ";
-  put(out, base.z_start_mm);
-  out += ",\n    \"z_end_mm\": ";
-  put(out, base.z_end_mm);
+  out += std::string("\n  },\n  \"base\": {\n    \"kind\": ") +
+         (base.spherical() ? "\"sphere\",\n    \"w_start\": " : "\"cylinder\",\n    \"z_start_mm\": ");
+  put(out, base.band_start);
+  out += base.spherical() ? ",\n    \"w_end\": " : ",\n    \"z_end_mm\": ";
+  put(out, base.band_end);
   out += ",\n    \"arcs\": " + std::to_string(base.arcs.count()) + ",\n    \"arc_rad\": ";
   put(out, base.arcs.arc_rad());
   out += ",\n    \"start_rad\": ";
@@ -289,7 +298,7 @@ tl::expected<SurfaceFile, std::string> parse_surface_json(const std::string& tex
     if (reader.at("version").whole(0, 1'000'000) != 1) {
       reader.at("version").fail("is " + root["version"].dump() + "; this program reads version 1");
     }
-    const BaseCylinder base = read_base(reader.at("base"));
+    const BaseSurface base = read_base(reader.at("base"));
     return SurfaceFile{read_function(reader.at("range_function"), base), read_surface(reader.at("surface")),
                        reader.at("name").text(), reader.at("date").text(), reader.at("simulated").boolean()};
   } catch (const Problem& p) {

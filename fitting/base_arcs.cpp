@@ -327,7 +327,8 @@ Eigen::MatrixX3d BaseArcs::control_points() const {
       points.row(i) << kX[i % 8], kY[i % 8], 1;
     } else {
       const double angle = start_rad_ + arc_rad_ * i / 2, reach = i % 2 ? 1 / weight_ : 1;
-      points.row(i) << reach * std::cos(angle), reach * std::sin(angle), 1;
+      const auto exact = [](double x) { return std::abs(x) < 1e-15 ? 0 : x; };  // of quarters of a turn
+      points.row(i) << reach * exact(std::cos(angle)), reach * exact(std::sin(angle)), 1;
     }
     if (i % 2) points.row(i) *= weight_;
   }

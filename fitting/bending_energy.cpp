@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "fitting/base_surface.h"
+
 namespace celadon {
 namespace {
 
@@ -70,6 +72,43 @@ GramMatrices gram_matrices(const RangeSpace& space, const BaseArcs& arcs, double
     d[2] = (d[2] - d[1] * s_vv) / (s_v * s_v);
     return s_v;
   });
+}
+
+BendingEnergy spherical_energy(const RangeSpace& u, const RangeSpace& v, const BaseArcs& around) {
+  const int n = u.free_count();
+  BendingEnergy energy;
+  energy.along_v = gram_matrices(v, around, 1);
+  for (auto& g : energy.along_u) g = Eigen::MatrixXd::Zero(n, n);
+  const BaseArcs& meridian = BaseSurface::meridian();
+  const bool closed = around.closed();
+  for (int k = 0; k < u.intervals(); ++k) {
+    const double lo = u.breaks()[static_cast<std::size_t>(k)], hi = u.breaks()[static_cast<std::size_t>(k) + 1];
+    const double half = (hi - lo) / 2;
+    const auto active = u.active(k);
+    std::vector<std::array<double, 3>> f(active.size());  // with respect to phi
+    for (std::size_t q = 0; q < kNodes.size(); ++q) {
+      const double w = lo + half * (kNodes[q] + 1), phi = meridian.theta_of_v(w), s = std::sin(phi), c = std::cos(phi);
+      double phi_w = 1, phi_ww = 0;
+      meridian.theta_derivatives(w, phi_w, phi_ww);
+      for (std::size_t a = 0; a < active.size(); ++a) {
+        auto d = derivatives(u.polynomial(k, static_cast<int>(a)), kNodes[q]);
+        d[1] /= half * phi_w;
+        d[2] = (d[2] / (half * half) - d[1] * phi_ww) / (phi_w * phi_w);
+        f[a] = d;
+      }
+      const double weight = kWeights[q] * half * phi_w;
+      for (std::size_t a = 0; a < active.size(); ++a)
+        for (std::size_t b = 0; b < active.size(); ++b) {
+          const double f00 = f[a][0] * f[b][0], f11 = f[a][1] * f[b][1], f01 = f[a][0] * f[b][1] + f[a][1] * f[b][0];
+          // Beside V0, 2 V1 and V2. Around a closed circle the product of rho_tt and rho is -rho_t^2.
+          energy.along_u[2](active[a], active[b]) += weight * (f[a][2] * f[b][2] * s + (closed ? f11 * c * c / s : 0));
+          energy.along_u[1](active[a], active[b]) +=
+              weight * ((f11 - c / s * f01 + c * c / (s * s) * f00) / s - (closed ? 0.5 * f01 * c / (s * s) : 0));
+          energy.along_u[0](active[a], active[b]) += weight * f00 / (s * s * s);
+        }
+    }
+  }
+  return energy;
 }
 
 double BendingEnergy::trace() const {

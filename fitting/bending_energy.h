@@ -22,11 +22,18 @@ GramMatrices gram_matrices(const RangeSpace& space, const BaseArcs& arcs, double
 
 /// The energy of a pair of spaces.
 struct BendingEnergy {
+  // Over a sphere, along_u holds what stands beside along_v[0..2] in its energy.
   GramMatrices along_u, along_v;
   /// The trace of its matrix.
   double trace() const;
   /// matrix += factor * energy. @pre the matrix belongs to the same pair of spaces
   void add_to(StencilMatrix& matrix, double factor) const;
 };
+
+/// Over a sphere of unit radius, u along the meridian: the integral of the covariant second derivatives' squares,
+///   rho_pp^2 s + 2 (rho_pt - c/s rho_t)^2 / s + (rho_tt + s c rho_p)^2 / s^3  over phi (p) and theta (t),
+/// s = sin phi, c = cos phi; around an open range of theta without the products of rho_tt and rho_p, whose integral by
+/// parts leaves terms at its ends.
+BendingEnergy spherical_energy(const RangeSpace& u, const RangeSpace& v, const BaseArcs& around);
 
 }  // namespace celadon

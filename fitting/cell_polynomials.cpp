@@ -65,6 +65,7 @@ void evaluate_all(const CellPolynomials& all, const PointArrays& points, std::si
   const int p = all.degree_u(), q = all.degree_v();
   const V zero = hn::Zero(d), one = hn::Set(d, 1.0);
   const V z_start = hn::Set(d, all.z_start_mm()), per_height = hn::Set(d, all.per_height());
+  const V u_start = hn::Set(d, all.u_start()), u_end = hn::Set(d, all.u_end());
   const V per_sine = hn::Set(d, 1 / all.sine()), bulge = hn::Set(d, all.bulge());
   int near_u = 0, near_v = 0;
   CellPolynomials::Cell cell = all.cell_at(0, 0, near_u, near_v);
@@ -81,7 +82,7 @@ void evaluate_all(const CellPolynomials& all, const PointArrays& points, std::si
       from_v = tail[0], from_z = tail[1];
     }
     const V v = hn::LoadU(d, from_v);
-    const V u = hn::Min(hn::Max(hn::Mul(hn::Sub(hn::LoadU(d, from_z), z_start), per_height), zero), one);
+    const V u = hn::Min(hn::Max(hn::Mul(hn::Sub(hn::LoadU(d, from_z), z_start), per_height), u_start), u_end);
     V f = zero, f_s = zero, f_t = zero, scale_u = zero, scale_v = zero;
     const auto inside = [&] {
       return hn::And(hn::And(hn::Ge(u, hn::Set(d, cell.start_u)), hn::Lt(u, hn::Set(d, cell.end_u))),
@@ -156,8 +157,10 @@ HWY_EXPORT(evaluate_cells);
 CellPolynomials::CellPolynomials(const RangeFunction& f)
     : basis_u_(f.knots_u(), f.degree_u()),
       basis_v_(f.knots_v(), f.degree_v()),
-      z_start_(f.base().z_start_mm),
-      per_height_(1 / (f.base().z_end_mm - f.base().z_start_mm)),
+      z_start_(f.base().spherical() ? 0 : f.base().band_start),
+      per_height_(f.base().spherical() ? 1 : 1 / (f.base().band_end - f.base().band_start)),
+      u_start_(f.knots_u().front()),
+      u_end_(f.knots_u().back()),
       sine_(2 * std::sin(f.base().arcs.arc_rad() / 2)),
       bulge_(4 * std::pow(std::sin(f.base().arcs.arc_rad() / 4), 2)) {
   const int p = f.degree_u(), q = f.degree_v(), width_u = basis_u_.width(), width_v = basis_v_.width();

@@ -21,7 +21,7 @@ class CellPolynomials {
   /// With r_theta (mm/rad) and r_z there, from the right at breaks. @pre the base arcs are those of the full circle
   void evaluate(const double* v, const double* z_mm, std::size_t n, double* r_mm, double* r_theta, double* r_z) const;
 
-  /// What the kernels read.
+  /// What the kernels read: u = (z - z_start_mm()) per_height(), within [u_start(), u_end()].
   struct Cell {
     double start_u, end_u, start_v, end_v;  ///< half open; without end at the rims
     double origin_u, scale_u, origin_v, scale_v;
@@ -32,13 +32,15 @@ class CellPolynomials {
   int degree_v() const { return basis_v_.degree(); }
   double z_start_mm() const { return z_start_; }
   double per_height() const { return per_height_; }
+  double u_start() const { return u_start_; }
+  double u_end() const { return u_end_; }
   /// theta_v = sine / (1 - bulge eta (1 - eta)) on the arcs, eta the part of v behind the joint.
   double sine() const { return sine_; }
   double bulge() const { return bulge_; }
 
  private:
   IntervalBasis basis_u_, basis_v_;
-  double z_start_, per_height_, sine_, bulge_;
+  double z_start_, per_height_, u_start_, u_end_, sine_, bulge_;
   AlignedVector<double> coefficients_;
 };
 

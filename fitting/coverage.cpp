@@ -12,6 +12,31 @@ constexpr double kSamplesPerBin = 16;
 // A bin with less than this share of the usual count holds stray samples, not the object.
 constexpr double kStrayShare = 0.05;
 
+// A gap at a pole is closed if it is no wider than the cells, or if so few samples would lie in it, were they as dense
+// as around it, that a sector has none by chance.
+constexpr double kGapCells = 1.5, kExpectedInSector = 10;
+
+void close_poles(const MomentGrid& sums, const Eigen::VectorXd& row_count, CoveredBand& band) {
+  const BaseArcs& meridian = BaseSurface::meridian();
+  const int nz = sums.z_cells();
+  const double cell = BaseSurface::kMeridianEnd / nz;
+  const auto closes = [&](double gap_w, bool south) {
+    if (gap_w <= kGapCells * cell) return true;
+    const double gap = meridian.theta_of_v(gap_w), far = meridian.theta_of_v(std::min(2 * gap_w, 1.0));
+    double around = 0;
+    for (int i = 0; i < nz; ++i) {
+      const double middle = (i + 0.5) * cell;
+      if (middle > gap_w && middle < 2 * gap_w) around += row_count[south ? nz - 1 - i : i];
+    }
+    const double cap = 1 - std::cos(gap), ring = std::cos(gap) - std::cos(far);
+    return ring > 0 && around * cap / ring / band.sectors < kExpectedInSector;
+  };
+  band.cells.poles.start = closes(band.z_start_mm, false);
+  band.cells.poles.end = closes(BaseSurface::kMeridianEnd - band.z_end_mm, true);
+  if (band.cells.poles.start) band.cells.first = 0, band.z_start_mm = 0;
+  if (band.cells.poles.end) band.cells.last = nz, band.z_end_mm = BaseSurface::kMeridianEnd;
+}
+
 int sector_count(const MomentGrid& sums) {
   return std::min(SectorExtents::kSectors, sums.v_cells());
 }
@@ -44,7 +69,9 @@ void SectorExtents::merge(const SectorExtents& other) {
 CoveredBand find_covered_band(const MomentGrid& sums, const SectorExtents* extents) {
   CoveredBand band;
   const int nz = sums.z_cells(), sectors = sector_count(sums), per_sector = sums.v_cells() / sectors;
+  const bool spherical = sums.specification().base == BaseKind::sphere;
   band.sectors = sectors;
+  band.base = sums.specification().base;
   const MomentLayout& layout = sums.layout();
   // Weight and first moment along z of each (row, sector).
   Eigen::MatrixXd count = Eigen::MatrixXd::Zero(nz, sectors), first = count;
@@ -69,7 +96,15 @@ CoveredBand find_covered_band(const MomentGrid& sums, const SectorExtents* exten
     if (bins.data()[k] > 0) filled.push_back(bins.data()[k]);
   std::nth_element(filled.begin(), filled.begin() + static_cast<std::ptrdiff_t>(filled.size() / 2), filled.end());
   const double usual = filled[filled.size() / 2], needed = kStrayShare * usual;
-  const auto covered = [&](int row, int sector) { return bins(row, sector) > 0 && bins(row, sector) >= needed; };
+  // Towards a pole of a sphere the cells become smaller.
+  const auto size = [&](int row) {
+    return spherical ? std::sin(BaseSurface::meridian().theta_of_v(sums.z_edge_mm(row * group) / 2 +
+                                                                   sums.z_edge_mm((row + 1) * group) / 2))
+                     : 1.0;
+  };
+  const auto covered = [&](int row, int sector) {
+    return bins(row, sector) > 0 && bins(row, sector) >= needed * size(row);
+  };
 
   int occupied = 0;
   for (int row = 0; row < rows; ++row) {
@@ -134,6 +169,7 @@ CoveredBand find_covered_band(const MomentGrid& sums, const SectorExtents* exten
   const int a = std::clamp(static_cast<int>((band.z_start_mm - spec.z_start_mm) * scale), 0, nz - 1);
   const int b = std::clamp(static_cast<int>(std::ceil((band.z_end_mm - spec.z_start_mm) * scale)), a + 1, nz);
   band.cells = {a, b};
+  if (spherical && sums.arcs().closed()) close_poles(sums, count.rowwise().sum(), band);
   return band;
 }
 
@@ -150,15 +186,22 @@ double covered_share(const MomentGrid& sums, const CoveredBand& band) {
       du *= 2;
     }
   }
+  const auto size = [&](int row) {
+    if (sums.specification().base != BaseKind::sphere) return 1.0;
+    const auto& meridian = BaseSurface::meridian();
+    return std::cos(meridian.theta_of_v(sums.z_edge_mm(row))) - std::cos(meridian.theta_of_v(sums.z_edge_mm(row + 1)));
+  };
   double covered = 0, all = 0;
   for (int j = 0; j < nv; j += dv)
     for (int i = band.cells.first; i < band.cells.last; i += du) {
       const int last = std::min(i + du, band.cells.last);
-      double weight = 0;
-      for (int jj = j; jj < j + dv; ++jj)
-        for (int ii = i; ii < last; ++ii) weight += sums.cell_weight(ii, jj);
-      all += last - i;
-      covered += weight > 0 ? last - i : 0;
+      double weight = 0, area = 0;
+      for (int ii = i; ii < last; ++ii) {
+        area += size(ii);
+        for (int jj = j; jj < j + dv; ++jj) weight += sums.cell_weight(ii, jj);
+      }
+      all += area;
+      covered += weight > 0 ? area : 0;
     }
   return all > 0 ? covered / all : 0;
 }

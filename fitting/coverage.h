@@ -34,6 +34,7 @@ struct CoveredBand {
   double z_start_mm = 0, z_end_mm = 0;
   double lowest_mm = 0, highest_mm = 0;  ///< of all samples that count
   int sectors = 0, sectors_with_samples = 0;
+  BaseKind base = BaseKind::cylinder;
 };
 
 /// The band in which every sector that is not empty as a whole has samples; its ends to the sample if extents are

@@ -12,9 +12,10 @@
 
 namespace celadon {
 
-/// z cells [first, last) of a grid.
+/// z cells [first, last) of a grid; on a sphere its ends may be closed poles.
 struct CellBand {
   int first = 0, last = 0;
+  Poles poles{};
 };
 
 /// Which directions a range function varies in.
@@ -42,6 +43,7 @@ class FitLadder {
 
  private:
   std::vector<int> edges(int level_u) const;
+  int joint_cell() const;
   bool merges(int level_u, int level_v) const;
   MomentCells cells(int level_u, int level_v) const;
   const MomentGrid& sums_;

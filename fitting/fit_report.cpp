@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <limits>
 #include <numbers>
+#include <utility>
 
 #include "fitting/model_selection.h"
 
@@ -20,10 +21,10 @@ std::string text(const char* format, ...) {
   return buffer.data();
 }
 
-const char* to_string(SurfaceModel model) {
+const char* to_string(SurfaceModel model, BaseKind base) {
   switch (model) {
     case SurfaceModel::cylinder:
-      return "cylinder";
+      return base == BaseKind::sphere ? "sphere" : "cylinder";
     case SurfaceModel::revolution:
       return "revolution";
     case SurfaceModel::translational:
@@ -57,7 +58,13 @@ std::optional<FitError> refuse(const MomentGrid& sums, const RangeFitOptions& op
 }
 
 std::optional<FitError> refuse(const CoveredBand& band, bool whole_turn) {
-  if (band.sectors_with_samples == 0 || band.cells.first >= band.cells.last)
+  const bool nothing_covered = band.sectors_with_samples == 0 || band.cells.first >= band.cells.last;
+  if (nothing_covered && band.base == BaseKind::sphere)
+    return FitError{
+        text("no polar angle has samples all around (%d of %d sectors have any); scan the whole turn, or check "
+             "the axis and the centre",
+             band.sectors_with_samples, band.sectors)};
+  if (nothing_covered)
     return FitError{
         text("no height between z = %.6g and %.6g mm has samples all around (%d of %d sectors have any); scan the "
              "whole turn, or check the axis",
@@ -87,19 +94,24 @@ std::optional<FitError> refuse_too_few(const MomentGrid& sums, const FitLadder& 
 std::optional<FitError> refuse_crossing(const RangeFunction& function) {
   if (function.coefficients().minCoeff() > 0) return std::nullopt;  // a mean of coefficients is positive then
   constexpr int kPerCoefficient = 6;
-  const BaseCylinder& base = function.base();
+  const BaseSurface& base = function.base();
   const auto around = function.coefficients().cols() * kPerCoefficient,
              along = function.coefficients().rows() * kPerCoefficient;
   double least = std::numeric_limits<double>::infinity(), at_theta = 0, at_z = 0;
   for (Eigen::Index i = 0; i <= along; ++i)
     for (Eigen::Index j = 0; j <= around; ++j) {
       const double f = static_cast<double>(i) / static_cast<double>(along);
-      const double z = (1 - f) * base.z_start_mm + f * base.z_end_mm;
+      const double z = (1 - f) * base.band_start + f * base.band_end;
       const double v = base.arcs.count() * static_cast<double>(j) / static_cast<double>(around);
       const double theta = base.arcs.theta_of_v(v);
       if (const double r = function(theta, z); r < least) least = r, at_theta = theta, at_z = z;
     }
   if (least > 0) return std::nullopt;
+  if (base.spherical())
+    return FitError{
+        text("the surface would reach the centre at phi = %.0f, theta = %.0f degrees, where the samples jump or are "
+             "missing; cut off what is not of the object, scan what is missing, or name another centre",
+             BaseSurface::meridian().theta_of_v(at_z) * 180 / std::numbers::pi, at_theta * 180 / std::numbers::pi)};
   return FitError{
       text("the surface would cross the axis at z = %.4g mm, theta = %.0f degrees, where the samples jump or are "
            "missing; cut off "
@@ -113,18 +125,31 @@ void describe(RangeFit& fit, const CoveredBand& band, const MomentGrid& sums) {
   report.degree_v = fit.surface.degree_v;
   report.control_points_u = fit.surface.count_u();
   report.control_points_v = fit.surface.count_v();
-  report.z_start_mm = band.z_start_mm;
-  report.z_end_mm = band.z_end_mm;
   report.cut_below_mm = std::max(0.0, band.z_start_mm - band.lowest_mm);
   report.cut_above_mm = std::max(0.0, band.highest_mm - band.z_end_mm);
+  if (fit.function.base().spherical()) {  // from above to below, in parts of the meridian
+    const BaseArcs& meridian = BaseSurface::meridian();
+    const double unit_mm = meridian.arc_rad() * fit.function.coefficients().mean();
+    report.phi_start_rad = meridian.theta_of_v(band.z_start_mm);
+    report.phi_end_rad = meridian.theta_of_v(band.z_end_mm);
+    std::swap(report.cut_below_mm, report.cut_above_mm);
+    report.cut_below_mm *= unit_mm;
+    report.cut_above_mm *= unit_mm;
+  } else {
+    report.z_start_mm = band.z_start_mm;
+    report.z_end_mm = band.z_end_mm;
+  }
   report.coverage = covered_share(sums, band);
 }
 
-void warn(RangeFitReport& report, const CoveredBand& band) {
+void warn(RangeFit& fit, const CoveredBand& band) {
+  RangeFitReport& report = fit.report;
   const auto share = [&](std::size_t n) {
     return 100.0 * static_cast<double>(n) / static_cast<double>(std::max<std::size_t>(report.points, 1));
   };
-  const double height = band.z_end_mm - band.z_start_mm;
+  const bool spherical = fit.function.base().spherical();
+  const double height = spherical ? (report.phi_end_rad - report.phi_start_rad) * fit.function.coefficients().mean()
+                                  : report.z_end_mm - report.z_start_mm;
   if (band.sectors_with_samples < band.sectors)
     report.warnings.push_back(
         text("%d of %d sectors around the axis have no samples over most of the height; the surface bridges them.",

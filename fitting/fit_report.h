@@ -26,6 +26,6 @@ std::optional<FitError> refuse_crossing(const RangeFunction& function);
 /// The parts of the report that surface, band and sums determine.
 void describe(RangeFit& fit, const CoveredBand& band, const MomentGrid& sums);
 /// Sentences on what the report's numbers mean for the operator.
-void warn(RangeFitReport& report, const CoveredBand& band);
+void warn(RangeFit& fit, const CoveredBand& band);
 
 }  // namespace celadon

@@ -77,9 +77,12 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
   const double low = quantile(heights, kStrayShare), high = quantile(heights, 1 - kStrayShare);
   const double reach = kStrayReach * (high - low);
   GridSpecification grid;
+  grid.base = options.base;
   grid.arcs = options.arcs;
   grid.z_start_mm = lowest < low - reach ? low - reach : lowest;
   grid.z_end_mm = highest > high + reach ? high + reach : highest;
+  const bool spherical = options.base == BaseKind::sphere;
+  if (spherical) grid.z_start_mm = 0, grid.z_end_mm = BaseSurface::kMeridianEnd;
   if (!(grid.z_end_mm > grid.z_start_mm))
     return tl::unexpected(FitError{text(
         "all %zu samples have the same height z = %.9g mm: a surface needs a band of heights", good, grid.z_start_mm)});
@@ -91,8 +94,9 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
     return grid;
   }
   // Cells about as high as wide, as many as the samples fill.
-  const double height = grid.z_end_mm - grid.z_start_mm,
-               around = grid.arcs.count() * grid.arcs.arc_rad() * sum_r / static_cast<double>(good);
+  const double mean_r = sum_r / static_cast<double>(good);
+  const double height = spherical ? std::numbers::pi * mean_r : grid.z_end_mm - grid.z_start_mm,
+               around = grid.arcs.count() * grid.arcs.arc_rad() * mean_r;
   const double ratio = height / around;
   const int arcs = grid.arcs.count();
   grid.intervals_per_arc = kLargestAround;
@@ -100,9 +104,10 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
       std::clamp(static_cast<int>(std::exp2(std::round(std::log2(arcs * kLargestAround * ratio)))), 16, kLargestAlong);
   const auto cells = [&] { return static_cast<double>(arcs) * grid.intervals_per_arc * grid.z_intervals; };
   const double largest = std::min(static_cast<double>(good) / kSamplesPerCell, static_cast<double>(kLargestCells));
-  while (cells() > largest && (grid.z_intervals > 1 || grid.intervals_per_arc > 1)) {
+  while (cells() > largest && (grid.z_intervals > (spherical ? 4 : 1) || grid.intervals_per_arc > 1)) {
     const bool flat = height / grid.z_intervals < around / (arcs * grid.intervals_per_arc);
-    if ((flat && grid.z_intervals > 1) || grid.intervals_per_arc == 1) {
+    // A closed pole wants two intervals before the joint of the meridian.
+    if (((flat && grid.z_intervals > 1) || grid.intervals_per_arc == 1) && (!spherical || grid.z_intervals > 4)) {
       grid.z_intervals /= 2;
     } else {
       grid.intervals_per_arc /= 2;

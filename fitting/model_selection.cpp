@@ -104,13 +104,13 @@ class Deviations {
   Eigen::MatrixXd sd_;
 };
 
-std::string sentence(SurfaceModel model, const Evidence& e, double delta) {
+std::string sentence(const char* model, const Evidence& e, double delta) {
   std::array<char, 320> text;
   const auto excess = [](double x) { return std::sqrt(std::max(x, 0.0)); };
   std::snprintf(text.data(), text.size(),
                 "%s %s: it differs from the general fit by %.3g mm (RMS beyond noise; %.3g mm allowed) and at most by "
                 "%.2g standard deviations beyond the form tolerance (%.2g allowed), form tolerance %.3g mm",
-                to_string(model),
+                model,
                 e.accepted() ? "accepted"
                              : (e.mean_square_ok() ? "refused by the largest deviation" : "refused by the mean square"),
                 excess(e.mean_square), excess(e.allowed), e.largest, e.critical, delta);
@@ -144,6 +144,8 @@ ModelDecision select_model(const FitLadder& ladder, const ReferenceFit& referenc
   std::optional<SurfaceModel> chosen, statistical;
   std::string why, last_refusal;
   for (const SurfaceModel model : {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational}) {
+    // All around a closed pole there is one range only.
+    if (model == SurfaceModel::translational && general.space().poles.any()) continue;
     const NormalEquations simple = ladder.equations(reference.levels.u, reference.levels.v, variation_of(model));
     const auto free = NormalSolver(simple).solve();
     if (!free) continue;
@@ -172,7 +174,7 @@ ModelDecision select_model(const FitLadder& ladder, const ReferenceFit& referenc
     if (!statistical && judge(0).accepted()) statistical = model;
     if (!chosen) {
       const Evidence e = judge(form_tolerance);
-      (e.accepted() ? why : last_refusal) = sentence(model, e, form_tolerance);
+      (e.accepted() ? why : last_refusal) = sentence(to_string(model, general.base()), e, form_tolerance);
       if (e.accepted()) chosen = model;
     }
   }
@@ -180,7 +182,8 @@ ModelDecision select_model(const FitLadder& ladder, const ReferenceFit& referenc
   decision.model = chosen.value_or(SurfaceModel::general);
   decision.statistical = statistical.value_or(SurfaceModel::general);
   decision.decided_by = (chosen ? why : "general: every simpler model is contradicted (" + last_refusal + ")") +
-                        "; without a form tolerance the samples alone say " + to_string(decision.statistical);
+                        "; without a form tolerance the samples alone say " +
+                        to_string(decision.statistical, general.base());
   return decision;
 }
 

@@ -227,6 +227,7 @@ void MomentGrid::merge(const MomentGrid& other) {
   const auto differs = [](const std::string& what) {
     throw std::invalid_argument("MomentGrid::merge: the sums differ in their " + what);
   };
+  if (a.base != b.base) differs("base");
   if (a.z_start_mm != b.z_start_mm || a.z_end_mm != b.z_end_mm) differs("band");
   if (a.z_intervals != b.z_intervals || a.intervals_per_arc != b.intervals_per_arc) differs("number of intervals");
   if (a.degree_u != b.degree_u || a.degree_v != b.degree_v) differs("degrees");

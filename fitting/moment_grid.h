@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "fitting/aligned_allocator.h"
-#include "fitting/base_arcs.h"
+#include "fitting/base_surface.h"
 #include "fitting/moment_layout.h"
 #include "fitting/profile.h"
 
@@ -23,6 +23,9 @@ struct GridSpecification {
   int intervals_per_arc = 32;               ///< a power of two, uniform in v on each arc
   int degree_u = 3, degree_v = 3;           ///< the largest degrees that can be solved for, 1..5
   BaseArcs arcs = BaseArcs::full_circle();  ///< the whole turn, or the open range that samples are taken from
+  /// Over a sphere, samples are (rho, theta, w) in place of (r, theta, z), w the meridian's parameter (base_surface.h),
+  /// and the band is [0, 2].
+  BaseKind base = BaseKind::cylinder;
   bool operator==(const GridSpecification&) const = default;
 };
 

@@ -51,6 +51,8 @@ NormalEquations::NormalEquations(const MomentGrid& sums, FitSpace space)
 NormalEquations::NormalEquations(const MomentGrid& sums, const MomentCells& cells, FitSpace space)
     : space_(std::move(space)),
       arcs_(sums.arcs()),
+      base_(sums.specification().base),
+      jets_(space_.poles.any() ? std::make_shared<const PoleJets>(space_.u, space_.v, arcs_, space_.poles) : nullptr),
       matrix_(space_.u.free_count(), bandwidth(space_.u), space_.v.free_count(), bandwidth(space_.v)),
       rhs_(matrix_.field_size(), 0.0) {
   if (space_.u.degree() > sums.specification().degree_u || space_.v.degree() > sums.specification().degree_v)
@@ -125,9 +127,10 @@ void NormalEquations::assemble(const MomentGrid& sums, const MomentCells& cells)
 }
 
 int NormalEquations::supported_unknowns() const {
-  int count = 0;
+  int count = jets_ ? jets_->parameters() : 0;
+  const int first = jets_ ? jets_->first_row() : 0, last = jets_ ? jets_->last_row() : matrix_.count_u();
   for (int j = 0; j < matrix_.count_v(); ++j)
-    for (int i = 0; i < matrix_.count_u(); ++i) count += matrix_.diagonal(i, j) > 0;
+    for (int i = first; i < last; ++i) count += matrix_.diagonal(i, j) > 0;
   return count;
 }
 

@@ -131,6 +131,8 @@ struct NormalSolver::Preconditioner {
 
 BendingEnergy bending_energy(const NormalEquations& equations) {
   const double r = equations.mean_range() > 0 ? equations.mean_range() : 1;
+  if (equations.base() == BaseKind::sphere)
+    return spherical_energy(equations.space().u, equations.space().v, equations.arcs());
   return {gram_matrices(equations.space().u), gram_matrices(equations.space().v, equations.arcs(), r)};
 }
 
@@ -163,6 +165,10 @@ NormalSolver::NormalSolver(const NormalEquations& equations, double smoothing)
     : NormalSolver(equations, smoothing, Options{}) {}
 
 bool NormalSolver::factorise() {
+  if (const PoleJets* jets = equations_.jets()) {
+    if (!pole_factor_) pole_factor_ = std::make_unique<PoleSolver>(system(), *jets);
+    return pole_factor_->ok();
+  }
   if (!factor_) factor_ = std::make_unique<BlockCholesky>(system());
   return factor_->ok();
 }
@@ -199,11 +205,12 @@ bool NormalSolver::conjugate_gradients(const AlignedVector<double>& b, double to
 bool NormalSolver::solve_field(const AlignedVector<double>& b, double tolerance, AlignedVector<double>& x) {
   const StencilMatrix& a = equations_.matrix();
   const bool banded = a.count_u() == 1 || a.count_v() == 1;  // its factor costs as little as the matrix itself
-  const bool direct = options_.direct || banded || a.size() <= kSmall || equations_.weight() < kSparse * a.size();
+  const bool direct =
+      options_.direct || banded || equations_.jets() || a.size() <= kSmall || equations_.weight() < kSparse * a.size();
   if (!factor_ && !direct && conjugate_gradients(b, tolerance, x)) return true;
   if (!factorise()) return false;
   x.resize(b.size());
-  factor_->solve(b.data(), x.data());
+  pole_factor_ ? pole_factor_->solve(b.data(), x.data()) : factor_->solve(b.data(), x.data());
   return true;
 }
 
@@ -224,7 +231,8 @@ std::optional<Eigen::MatrixXd> NormalSolver::apply_inverse(const Eigen::MatrixXd
 
 double NormalSolver::effective_parameters() {
   const StencilMatrix& a = equations_.matrix();
-  const int nu = a.count_u(), nv = a.count_v(), n = a.size();
+  const PoleJets* jets = equations_.jets();
+  const int nu = a.count_u(), nv = a.count_v(), n = jets ? jets->unknowns() : a.size();
   if (mu_ <= 0) return equations_.supported_unknowns();
   // tr (A + mu E)^-1 A = n - mu tr (A + mu E)^-1 E: what smoothing takes away is the small part where it matters. The
   // trace is the mean of z' (A + mu E)^-1 mu E z over signs z: all unit vectors when small, else fixed signs, the same
@@ -234,18 +242,18 @@ double NormalSolver::effective_parameters() {
   std::uint64_t state = 0x9e3779b97f4a7c15u;
   double lost = 0;
   AlignedVector<double> of_samples(a.field_size()), of_both(a.field_size()), x;
+  const auto sign = [&] {
+    state ^= state << 13;
+    state ^= state >> 7;
+    state ^= state << 17;
+    return (state >> 33) & 1 ? 1.0 : -1.0;
+  };
+  const int first = jets ? jets->first_row() : 0, rows = jets ? jets->last_row() - first : nu, free = rows * nv;
   for (int k = 0; k < probes; ++k) {
-    Eigen::MatrixXd z = Eigen::MatrixXd::Zero(nu, nv);
-    if (exact) {
-      z(k % nu, k / nu) = 1;
-    } else {
-      for (Eigen::Index i = 0; i < z.size(); ++i) {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        z.data()[i] = (state >> 33) & 1 ? 1 : -1;
-      }
-    }
+    Eigen::MatrixXd z = Eigen::MatrixXd::Zero(nu, nv);  // P times a unit vector, or times signs
+    for (int i = 0; i < free; ++i) z(first + i % rows, i / rows) = exact ? (i == k ? 1.0 : 0.0) : sign();
+    for (int i = free; i < n; ++i)
+      if (!exact || i == k) z += (exact ? 1.0 : sign()) * jets->column(i - free);
     const auto field = equations_.to_field(z);
     a.multiply(field.data(), of_samples.data());
     system().multiply(field.data(), of_both.data());
@@ -258,12 +266,14 @@ double NormalSolver::effective_parameters() {
 
 RangeFunction range_function(const NormalEquations& equations, const Eigen::MatrixXd& free) {
   const auto &u = equations.space().u, &v = equations.space().v;
-  BaseCylinder base;
+  BaseSurface base;
+  base.kind = equations.base();
   base.arcs = equations.arcs();
-  base.z_start_mm = u.breaks().front();
-  base.z_end_mm = u.breaks().back();
+  base.band_start = u.breaks().front();
+  base.band_end = u.breaks().back();
   std::vector<double> knots_u(u.knots());
-  for (double& k : knots_u) k = std::clamp((k - base.z_start_mm) / (base.z_end_mm - base.z_start_mm), 0.0, 1.0);
+  if (!base.spherical())
+    for (double& k : knots_u) k = std::clamp((k - base.band_start) / (base.band_end - base.band_start), 0.0, 1.0);
   const Eigen::MatrixXd along_u = u.extraction() * free;
   Eigen::MatrixXd coefficients = along_u * v.extraction().transpose();
   return {base, u.degree(), v.degree(), std::move(knots_u), v.knots(), std::move(coefficients)};

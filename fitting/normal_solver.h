@@ -11,16 +11,19 @@
 #include "fitting/block_cholesky.h"
 #include "fitting/moment_cells.h"
 #include "fitting/moment_grid.h"
+#include "fitting/pole_jets.h"
+#include "fitting/pole_solver.h"
 #include "fitting/range_function.h"
 #include "fitting/range_space.h"
 #include "fitting/stencil_matrix.h"
 
 namespace celadon {
 
-/// The pair of spaces a range function is sought in: u over z in millimetres, v over the arcs' parameter.
+/// The pair of spaces a range function is sought in: u over z in millimetres, on a sphere over its meridian's
+/// parameter, where its ends may be closed poles; v over the arcs' parameter.
 struct FitSpace {
   RangeSpace u, v;
-  int unknowns() const { return u.free_count() * v.free_count(); }
+  Poles poles{};
 };
 
 /// A x = b of weighted least squares over the free coefficients of a pair of spaces, from the sums of a finer grid.
@@ -34,6 +37,9 @@ class NormalEquations {
 
   const FitSpace& space() const { return space_; }
   const BaseArcs& arcs() const { return arcs_; }
+  BaseKind base() const { return base_; }
+  /// Of closed poles; nullptr: there are none, and every free coefficient is an unknown.
+  const PoleJets* jets() const { return jets_.get(); }
   const StencilMatrix& matrix() const { return matrix_; }
   const AlignedVector<double>& right_hand_side() const { return rhs_; }
   /// Sum of the weights and of w r^2 over the samples inside the u space.
@@ -58,6 +64,8 @@ class NormalEquations {
   void assemble(const MomentGrid& sums, const MomentCells& cells);
   FitSpace space_;
   BaseArcs arcs_;
+  BaseKind base_;
+  std::shared_ptr<const PoleJets> jets_;
   StencilMatrix matrix_;
   AlignedVector<double> rhs_;
   double weight_ = 0, range_ = 0, square_ = 0;
@@ -84,7 +92,8 @@ class SmoothingBasis {
 };
 
 /// Solves (A + mu E) x = y for one mu >= 0: conjugate gradients with a Kronecker preconditioner, the direct factor when
-/// they do not converge or the system is small.
+/// they do not converge, the system is small or has closed poles. x and y are over all free coefficients; with closed
+/// poles, x is the minimiser among those that their jets allow.
 class NormalSolver {
  public:
   struct Options {
@@ -107,7 +116,7 @@ class NormalSolver {
   double effective_parameters();
 
   int iterations() const { return iterations_; }
-  bool direct() const { return static_cast<bool>(factor_); }
+  bool direct() const { return factor_ || pole_factor_; }
 
  private:
   struct Preconditioner;
@@ -122,6 +131,7 @@ class NormalSolver {
   std::optional<StencilMatrix> regularised_;
   std::shared_ptr<const Preconditioner> preconditioner_;
   std::unique_ptr<BlockCholesky> factor_;
+  std::unique_ptr<PoleSolver> pole_factor_;
   int iterations_ = 0;
 };
 

@@ -27,9 +27,9 @@ struct NurbsSurface {
 };
 
 class RangeFunction;
-/// S = F . B on the cylinder by symbolic product (thesis appendix A, B; z is not multiplied by F, B.3), as 3D
-/// homogeneous control points in the scanner frame, degree (max(p,1), q+2), removable knots removed (exactly: to 1e-12
-/// of the size). S_u x S_v points inward (README.md, "Orientation").
+/// S = F . B by symbolic product (thesis appendix A, B), as 3D homogeneous control points in the scanner frame,
+/// removable knots removed. On the cylinder z is not multiplied by F (B.3), the degree is (max(p,1), q+2) and S_u x S_v
+/// points inward; on the sphere the degree is (p+2, q+2) and S_u x S_v points outward (README.md, "Orientation").
 NurbsSurface symbolic_product(const RangeFunction& range);
 
 }  // namespace celadon

@@ -235,9 +235,10 @@ RangeBatch::RangeBatch(const RangeFunction& f)
       along_v_(breaks_of(f.knots_v()).values),
       degree_u_(f.degree_u()),
       degree_v_(f.degree_v()),
-      per_height_(1 / (f.base().z_end_mm - f.base().z_start_mm)),
+      per_height_(1 / (f.base().band_end - f.base().band_start)),
       sine_(2 * std::sin(f.base().arcs.arc_rad() / 2)),
       bulge_(4 * std::pow(std::sin(f.base().arcs.arc_rad() / 4), 2)) {
+  require_cylinder(f, "RangeBatch");
   const IntervalBasis basis_u(f.knots_u(), degree_u_), basis_v(f.knots_v(), degree_v_);
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const auto powers = [](const IntervalBasis& basis, int interval) {
@@ -271,7 +272,7 @@ void RangeBatch::surface_points(const double* theta_rad, const double* z_mm, std
     base_.arcs.synchronise(theta_rad + first, m, v.data());
     evaluate(v.data(), z_mm + first, m, arrays);
     for (std::size_t k = 0; k < m; ++k) {
-      const double z = std::clamp(z_mm[first + k], base_.z_start_mm, base_.z_end_mm);
+      const double z = std::clamp(z_mm[first + k], base_.band_start, base_.band_end);
       points[first + k] = surface_point(base_, theta_rad[first + k], z,
                                         {r[k], r_theta[k], r_z[k], r_theta_theta[k], r_theta_z[k], r_z_z[k]});
     }

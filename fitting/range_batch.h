@@ -79,14 +79,14 @@ class RangeBatch {
   int degree_v() const { return degree_v_; }
   /// 4 up to degree 3 in v, else 8; zeros beyond the degree.
   int width() const { return degree_v_ <= 3 ? 4 : 8; }
-  double z_start_mm() const { return base_.z_start_mm; }
+  double z_start_mm() const { return base_.band_start; }
   double per_height() const { return per_height_; }
   /// theta'(v) = sine / W, W = 1 - bulge eta (1 - eta), eta the part of v behind the joint.
   double sine() const { return sine_; }
   double bulge() const { return bulge_; }
 
  private:
-  BaseCylinder base_;
+  BaseSurface base_;
   IntervalTable along_u_, along_v_;
   int degree_u_, degree_v_;
   std::size_t rows_, stride_;

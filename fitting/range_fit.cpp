@@ -61,7 +61,8 @@ LadderLevels reference_levels(const FitLadder& ladder, double samples, double pr
 double form_tolerance(const RangeFitOptions& options, const Eigen::MatrixXd& free, const CoveredBand& band) {
   if (options.form_tolerance_mm) return *options.form_tolerance_mm;
   if (options.systematic_mm > 0) return options.systematic_mm;
-  return kRelativeFormTolerance * std::max(2 * free.maxCoeff(), band.z_end_mm - band.z_start_mm);
+  const double height = options.base == BaseKind::sphere ? 0 : band.z_end_mm - band.z_start_mm;
+  return kRelativeFormTolerance * std::max(2 * free.maxCoeff(), height);
 }
 
 // The levels of fixed numbers of intervals.
@@ -115,8 +116,8 @@ tl::expected<ModelDecision, FitError> decide_model(Domain& domain, const Noise& 
       select_model(domain.ladder, {*reference->equations, reference->free, levels, noise.variance, noise.inflation},
                    form_tolerance(options, reference->free, domain.band));
   if (options.model != SurfaceModel::automatic) {
-    decision.decided_by =
-        text("%s: as given; left to the samples it would be %s", to_string(options.model), to_string(decision.model));
+    decision.decided_by = text("%s: as given; left to the samples it would be %s",
+                               to_string(options.model, options.base), to_string(decision.model, options.base));
     decision.model = options.model;
   }
   return decision;
@@ -153,7 +154,7 @@ std::optional<LadderSearch::Choice> select_along(const MomentGrid& sums, const C
   const int first = std::clamp(static_cast<int>((band.z_start_mm - grid.z_start_mm) * scale), 0, sums.z_cells() - 1);
   const int last =
       std::clamp(static_cast<int>(std::ceil((band.z_end_mm - grid.z_start_mm) * scale)), first + 1, sums.z_cells());
-  const FitLadder ladder(sums, {first, last}, options.degree_u, options.degree_v, options.continuity);
+  const FitLadder ladder(sums, {first, last, band.cells.poles}, options.degree_u, options.degree_v, options.continuity);
   return LadderSearch(sums, ladder, profiles).select(knots);
 }
 
@@ -194,7 +195,7 @@ tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFit
   fit.report.rejected = sums.rejected();
   fit.report.residual_mm.rms = std::sqrt(member->residual_square / n);
   describe(fit, band, sums);
-  warn(fit.report, band);
+  warn(fit, band);
   return fit;
 }
 
@@ -236,8 +237,8 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
   WeighingTask task{.function = noise_function,
                     .judge = result.judge.get(),
                     .scale_mm = reference->scale_mm(),
-                    .correlation = {.z_start_mm = noise_function.base().z_start_mm,
-                                    .z_end_mm = noise_function.base().z_end_mm,
+                    .correlation = {.z_start_mm = noise_function.base().band_start,
+                                    .z_end_mm = noise_function.base().band_end,
                                     .arcs = static_cast<double>(sums.arcs().count()),
                                     .samples = sums.samples(),
                                     .unknowns = static_cast<int>(parameters),

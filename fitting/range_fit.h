@@ -23,9 +23,11 @@
 namespace celadon {
 
 enum class SurfaceModel { automatic, cylinder, revolution, translational, general };
-const char* to_string(SurfaceModel model);  ///< "auto", "cylinder", "revolution", "translational", "general"
+/// "auto", "cylinder" (over a sphere "sphere"), "revolution", "translational", "general"
+const char* to_string(SurfaceModel model, BaseKind base = BaseKind::cylinder);
 
 struct RangeFitOptions {
+  BaseKind base = BaseKind::cylinder;  ///< what the range is over; of a sphere, the samples are SphericalStream's
   SurfaceModel model = SurfaceModel::automatic;
   int degree_u = 3, degree_v = 3;           ///< of F, 1..5, for the directions that are not constant
   BaseArcs arcs = BaseArcs::full_circle();  ///< the whole turn, or the open range that is fitted
@@ -53,8 +55,9 @@ struct RangeFitReport {
   double coverage = 0;                        ///< share of the clipped band's area with samples, 0..1
   std::string decided_by;                     ///< which test chose the model; both decisions
   std::string stopped_by;                     ///< what ended the refinement
-  double z_start_mm = 0, z_end_mm = 0;        ///< band of the surface
-  double cut_below_mm = 0, cut_above_mm = 0;  ///< measured but cut at the rims
+  double z_start_mm = 0, z_end_mm = 0;        ///< band of the surface over a cylinder
+  double phi_start_rad = 0, phi_end_rad = 0;  ///< over a sphere; 0 and pi: closed poles
+  double cut_below_mm = 0, cut_above_mm = 0;  ///< measured but cut at the rims, along the meridian
   std::vector<std::string> warnings;          ///< what an operator should know, one sentence each
 };
 

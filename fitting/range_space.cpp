@@ -72,9 +72,13 @@ RangeSpace RangeSpace::over(int degree, const BaseArcs& arcs, int intervals_per_
 RangeSpace RangeSpace::over(int degree, const BaseArcs& arcs, std::vector<double> breaks, JointContinuity continuity) {
   require_degree(degree);
   require_ascending(breaks);
-  bool joints = breaks.front() == 0 && breaks.back() == arcs.count();
-  for (int j = 1; j < arcs.count(); ++j) joints = joints && std::binary_search(breaks.begin(), breaks.end(), j);
-  if (!joints) throw std::invalid_argument("RangeSpace::over: breaks must run over the arcs and hold every joint");
+  bool good = arcs.closed() ? breaks.front() == 0 && breaks.back() == arcs.count()
+                            : breaks.front() >= 0 && breaks.back() <= arcs.count();
+  for (int j = 1; j < arcs.count(); ++j) {
+    const bool within = breaks.front() < j && j < breaks.back();
+    good = good && (!within || std::binary_search(breaks.begin(), breaks.end(), j));
+  }
+  if (!good) throw std::invalid_argument("RangeSpace::over: breaks must run over the arcs and hold every joint");
   const bool simple = degree < 3 || continuity == JointContinuity::thesis;
   if (simple && !arcs.closed()) return open(degree, std::move(breaks));
   RangeSpace space;
@@ -123,14 +127,19 @@ void RangeSpace::extract_simple_periodic() {
 // Multiplicity degree - 1 at every joint, and F''(v+) - F''(v-) = 4 (1 - w) F'(v) there: r(theta) is C2 exactly. The
 // ends of an open range are no joints. README.md, "Range space", has the derivation of a and b.
 void RangeSpace::extract_curvature_continuous(const BaseArcs& arcs) {
-  const int q = degree_, arc_count = arcs.count();
+  const int q = degree_;
+  std::vector<double> ends{breaks_.front()};  // of the arcs, as far as the breaks go
+  for (int j = 1; j < arcs.count(); ++j)
+    if (ends.front() < j && j < breaks_.back()) ends.push_back(j);
+  ends.push_back(breaks_.back());
+  const int arc_count = static_cast<int>(ends.size()) - 1;
   const double quarter_sin = std::sin(arcs.arc_rad() / 4);
   const double jump = 8 * quarter_sin * quarter_sin;  // J = 4 (1 - w)
 
   std::vector<int> at(static_cast<std::size_t>(arc_count) + 1);  // index of each arc's end among the breaks
   Breaks with_multiplicity{breaks_, std::vector<int>(breaks_.size(), 1)};
   for (int j = 0; j <= arc_count; ++j) {
-    const auto found = std::lower_bound(breaks_.begin(), breaks_.end(), static_cast<double>(j));
+    const auto found = std::lower_bound(breaks_.begin(), breaks_.end(), ends[static_cast<std::size_t>(j)]);
     at[static_cast<std::size_t>(j)] = static_cast<int>(found - breaks_.begin());
     with_multiplicity.multiplicities[static_cast<std::size_t>(at[static_cast<std::size_t>(j)])] = q - 1;
   }

@@ -28,7 +28,8 @@ class RangeSpace {
   /// degree - 1 at each joint and the condition F''(v+) - F''(v-) = 4(1 - w) F'(v). @pre degree 1..5
   static RangeSpace over(int degree, const BaseArcs& arcs, int intervals_per_arc,
                          JointContinuity continuity = JointContinuity::curvature);
-  /// The same over any breaks: ascending from 0 to arcs.count(), every joint among them.
+  /// The same over any breaks: ascending from 0 to arcs.count(), or between two parameters of open arcs, every joint
+  /// between them among them.
   static RangeSpace over(int degree, const BaseArcs& arcs, std::vector<double> breaks, JointContinuity continuity);
 
   int degree() const { return degree_; }

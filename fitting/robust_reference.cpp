@@ -81,6 +81,7 @@ RobustReference::RobustReference(const MomentGrid& sums, const FirstLook& look, 
   specification_.degree_u = degree_u;
   specification_.degree_v = degree_v;
   specification_.z_intervals = power_of_two_below(cells_.along());
+  if (specification_.base == BaseKind::sphere) specification_.z_intervals = std::max(specification_.z_intervals, 8);
   specification_.intervals_per_arc = power_of_two_below(cells_.columns_with_samples() / sums.arcs().count());
 }
 
@@ -139,6 +140,7 @@ bool RobustReference::solve(Weights weights) {
   for (int j = 0; j < grid.v_cells(); ++j)
     for (int i = 0; i < grid.z_cells(); ++i)
       if (grid.cell_weight(i, j) > 0) band.first = std::min(band.first, i), band.last = std::max(band.last, i + 1);
+  if (specification_.base == BaseKind::sphere) band.poles = {band.first == 0, band.last == grid.z_cells()};
   const FitLadder ladder(grid, band, specification_.degree_u, specification_.degree_v, continuity_);
   const auto fit = solve_member(ladder, {}, {}, kStiffWeight);
   if (!fit) return false;
@@ -314,7 +316,7 @@ double RobustReference::percentile95(const RangeFunction& function) const {
     for (const Cluster& cluster : cells_[c].clusters)
       for (int k = cluster.first; cluster.accepted && k < cluster.first + cluster.count; ++k) {
         const CellPoint& p = cells_[c].points[static_cast<std::size_t>(k)];
-        if (p.z_mm < function.base().z_start_mm || p.z_mm > function.base().z_end_mm) continue;
+        if (p.z_mm < function.base().band_start || p.z_mm > function.base().band_end) continue;
         if (tukey(p.key / spreads_[c].limit) <= 0) continue;
         r.push_back(p.r_mm), v.push_back(p.v), z.push_back(p.z_mm);
       }

@@ -16,7 +16,8 @@ const Cluster* SampleCell::accepted() const {
 }
 
 SampleCells::SampleCells(const MomentGrid& sums, const std::vector<SamplePoint>& samples)
-    : z_start_(sums.specification().z_start_mm),
+    : spherical_(sums.specification().base == BaseKind::sphere),
+      z_start_(sums.specification().z_start_mm),
       z_end_(sums.specification().z_end_mm),
       turn_v_(sums.arcs().count()),
       arc_rad_(sums.arcs().arc_rad()) {
@@ -27,7 +28,7 @@ SampleCells::SampleCells(const MomentGrid& sums, const std::vector<SamplePoint>&
     for (int i = 0; i < sums.z_cells(); ++i)
       if (sums.cell_weight(i, j) > 0) lowest = std::min(lowest, i), highest = std::max(highest, i + 1);
   const double used = std::max(highest - lowest, 1) / static_cast<double>(sums.z_cells());
-  const double height = (z_end_ - z_start_) * used;
+  const double height = (z_end_ - z_start_) * used * (spherical_ ? BaseSurface::meridian().arc_rad() * r : 1);
   const double cells = std::clamp(weight / kSamplesPerCell, 1.0, kCells);
   cells_v_ = std::clamp(static_cast<int>(std::sqrt(cells * turn_v_ * arc_rad_ * r / height)), 4, 256);
   cells_z_ = std::clamp(static_cast<int>(cells / cells_v_ / used), 1, 1024);
@@ -51,7 +52,8 @@ double SampleCells::width_mm(double r) const {
 }
 
 double SampleCells::diagonal_mm(double r) const {
-  return std::hypot(cell_height_, width_mm(r));
+  const double height_mm = spherical_ ? cell_height_ * BaseSurface::meridian().arc_rad() * r : cell_height_;
+  return std::hypot(height_mm, width_mm(r));
 }
 
 // Each cell keeps an even sample of what falls into it, chosen by a fixed hash of the order of arrival.

@@ -66,7 +66,8 @@ class SampleCells {
   auto begin() const { return cells_.begin(); }
   auto end() const { return cells_.end(); }
 
-  double height_mm() const { return cell_height_; }
+  /// In the sums' coordinate along the base.
+  double height() const { return cell_height_; }
   double width_mm(double r_mm) const;
   double diagonal_mm(double r_mm) const;
   /// v of all columns together, and the angle of a unit of v.
@@ -75,6 +76,7 @@ class SampleCells {
 
  private:
   void keep(const SamplePoint& sample);
+  bool spherical_;
   double z_start_, z_end_, turn_v_, arc_rad_, cell_height_ = 1;
   int cells_z_ = 1, cells_v_ = 1, gap_ = 0;
   std::vector<SampleCell> cells_;

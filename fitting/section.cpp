@@ -13,14 +13,14 @@ namespace {
 
 // The function's row at a height, as one that is constant along z from there on.
 RangeFunction row_at(const RangeFunction& range, double z_mm) {
-  BaseCylinder base = range.base();
-  const double u = (z_mm - base.z_start_mm) / (base.z_end_mm - base.z_start_mm);
+  BaseSurface base = range.base();
+  const double u = (z_mm - base.band_start) / (base.band_end - base.band_start);
   const int p = range.degree_u(), span = find_span(range.knots_u(), p, u);
   const BasisValues N = basis_values(range.knots_u(), p, span, u);
   const Eigen::RowVectorXd row =
       Eigen::Map<const Eigen::RowVectorXd>(N.data(), p + 1) * range.coefficients().middleRows(span - p, p + 1);
-  base.z_start_mm = z_mm;
-  base.z_end_mm = z_mm + 1;
+  base.band_start = z_mm;
+  base.band_end = z_mm + 1;
   return {base, 0, range.degree_v(), {0, 1}, range.knots_v(), row};
 }
 
@@ -53,8 +53,9 @@ Eigen::Vector3d Section::point(double v) const {
 }
 
 Section section(const RangeFunction& range, double z_mm) {
-  const BaseCylinder& base = range.base();
-  if (!(z_mm >= base.z_start_mm && z_mm <= base.z_end_mm)) {
+  require_cylinder(range, "section");
+  const BaseSurface& base = range.base();
+  if (!(z_mm >= base.band_start && z_mm <= base.band_end)) {
     throw std::invalid_argument("section: " + std::to_string(z_mm) + " mm is outside the band");
   }
   if (!base.arcs.closed()) throw std::invalid_argument("section: the arcs are open");

@@ -53,7 +53,7 @@ double wrapped(double dv, double turn) {
 
 // Points of the neighbourhood inside the ellipsoid about p, against how many a flat surface would have there.
 bool has_company(const SampleCells& cells, std::size_t cell, const CellPoint& p) {
-  const double per_z = 1 / cells.height_mm(), per_v = cells.around() / cells.turn_v(),
+  const double per_z = 1 / cells.height(), per_v = cells.around() / cells.turn_v(),
                per_r = 2 / cells.diagonal_mm(p.r_mm);
   double inside = 0, points = 0, filled = 0;
   cells.visit_neighbourhood(cell, [&](std::size_t other) {
@@ -142,7 +142,7 @@ class Clusters {
     return s.rise <= kSlope * s.distance + kMargin * cells_.diagonal_mm(r);
   }
   bool contradict(std::size_t a, std::size_t b) const {
-    return !lie_apart(cell(a), (*this)[a], (*this)[b], 1 / cells_.height_mm(), cells_.around() / cells_.turn_v());
+    return !lie_apart(cell(a), (*this)[a], (*this)[b], 1 / cells_.height(), cells_.around() / cells_.turn_v());
   }
 
  private:

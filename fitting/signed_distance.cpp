@@ -117,11 +117,11 @@ void SignedDistance::measure(const double* x, const double* y, const double* z, 
       std::copy(at_z, at_z + m, padded[2].begin());
       Block tail;
       HWY_DYNAMIC_DISPATCH(distances)
-      (r.data(), f.data(), of_f, padded[2].data(), base_.z_start_mm, base_.z_end_mm, kBlock, tail.data());
+      (r.data(), f.data(), of_f, padded[2].data(), base_.band_start, base_.band_end, kBlock, tail.data());
       std::copy(tail.begin(), tail.begin() + static_cast<std::ptrdiff_t>(m), result + first);
     } else {
       HWY_DYNAMIC_DISPATCH(distances)
-      (r.data(), f.data(), of_f, at_z, base_.z_start_mm, base_.z_end_mm, kBlock, result + first);
+      (r.data(), f.data(), of_f, at_z, base_.band_start, base_.band_end, kBlock, result + first);
     }
   }
 }

@@ -22,7 +22,7 @@ class SignedDistance {
 
  private:
   void measure(const double* x, const double* y, const double* z, std::size_t n, double* result, bool slopes) const;
-  BaseCylinder base_;
+  BaseSurface base_;
   bool in_scanner_frame_;
   RangeBatch batch_;
 };

@@ -12,7 +12,7 @@ namespace celadon {
 namespace {
 
 double height_in_common(const RangeFunction& a, const RangeFunction& b) {
-  return std::min(a.base().z_end_mm, b.base().z_end_mm) - std::max(a.base().z_start_mm, b.base().z_start_mm);
+  return std::min(a.base().band_end, b.base().band_end) - std::max(a.base().band_start, b.base().band_start);
 }
 
 // Bernstein polynomials at t.
@@ -107,7 +107,7 @@ Eigen::MatrixXd signed_differences(const RangeFunction& a, const RangeFunction& 
     for (Eigen::Index i = 0; i < rows; ++i) {
       const auto k = static_cast<std::size_t>(i);
       const auto covers = [&](const RangeFunction& f) {
-        return z_mm[k] >= f.base().z_start_mm && z_mm[k] <= f.base().z_end_mm;
+        return z_mm[k] >= f.base().band_start && z_mm[k] <= f.base().band_end;
       };
       all(i, j) = covers(a) && covers(b) ? r_a[k] - r_b[k] : std::numeric_limits<double>::quiet_NaN();
     }

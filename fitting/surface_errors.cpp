@@ -1,5 +1,4 @@
 // measure_errors: the last pass.
-#include <cmath>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -34,7 +33,7 @@ struct Judged {
 PartErrors measure_part(const Judged& judged, ProfileStream& profiles) {
   PartErrors errors;
   const SurfaceFit& surface = judged.surface;
-  const BaseCylinder& base = surface.fit.function.base();
+  const BaseSurface& base = surface.fit.function.base();
   Residuals to_surface, to_reference;
   for (ResidualPass pass(profiles, base.arcs); const Profile* p = pass.next();) {
     pass.compare(judged.polynomials, to_surface, true);
@@ -47,14 +46,13 @@ PartErrors measure_part(const Judged& judged, ProfileStream& profiles) {
         errors.unfollowable += verdict.kind == RobustReference::Kind::unfollowable;
         if (verdict.kind != RobustReference::Kind::good) continue;
       }
-      if (z < base.z_start_mm || z > base.z_end_mm) {
+      if (z < base.band_start || z > base.band_end) {
         ++errors.cut;
         continue;
       }
-      const double residual = to_surface.residual[k], r_z = to_surface.r_z[k];
-      const double around = to_surface.r_theta[k] / to_surface.r[k];
+      const double residual = to_surface.residual[k];
       errors.along_ray.add(residual);
-      errors.geometric.add(residual / std::sqrt(1 + r_z * r_z + around * around));
+      errors.geometric.add(residual * cos_psi(base, z, to_surface.r[k], to_surface.r_theta[k], to_surface.r_z[k]));
     }
   }
   return errors;
@@ -81,7 +79,7 @@ RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& 
   report.rejected = report.points - all.along_ray.count() - all.cut - all.unfollowable;
   report.residual_mm = {all.along_ray.rms(), all.along_ray.quantile(0.95), all.along_ray.max()};
   report.geometric_mm = {all.geometric.rms(), all.geometric.quantile(0.95), all.geometric.max()};
-  warn(report, surface.band);
+  warn(surface.fit, surface.band);
   return std::move(surface.fit);
 }
 

@@ -24,7 +24,7 @@ Weighing weigh_part(const MomentGrid& sums, ProfileStream& profiles, const CellP
     result.extents.emplace(sums);
   }
   if (task.revolution) result.revolution.emplace(*task.revolution);
-  const double low = task.function.base().z_start_mm, high = task.function.base().z_end_mm;
+  const double low = task.function.base().band_start, high = task.function.base().band_end;
   Residuals to_function;
   std::vector<double> weight;
   for (ResidualPass pass(profiles, sums.arcs()); const Profile* p = pass.next();) {

@@ -20,7 +20,7 @@ namespace {
 constexpr std::size_t kMostValues = 10'000'000;
 
 struct EvaluateArguments {
-  std::string surface, angles = "0:10:350", heights, output;
+  std::string surface, angles = "0:10:350", heights, polar, output;
 };
 
 // "a,b,c" or "first:step:last"; nullopt when it is neither.
@@ -62,36 +62,55 @@ int evaluate(const EvaluateArguments& arguments) {
   if (!angles_deg)
     return fail(2, "--angles '" + arguments.angles + "' is neither a list a,b,c nor a range first:step:last");
   const auto& base = file->function.base();
-  std::vector<double> heights_mm;
-  if (arguments.heights.empty()) {
-    for (int k = 0; k <= 20; ++k) heights_mm.push_back(base.z_start_mm + k * (base.z_end_mm - base.z_start_mm) / 20);
-  } else if (const auto given = numbers_from(arguments.heights)) {
-    heights_mm = *given;
-  } else {
-    return fail(2, "--heights '" + arguments.heights + "' is neither a list a,b,c nor a range first:step:last");
+  // Along the base: heights in mm, on a sphere polar angles in degrees.
+  const bool spherical = base.spherical();
+  const std::string& asked = spherical ? arguments.polar : arguments.heights;
+  const char* const option = spherical ? "--polar" : "--heights";
+  if (!(spherical ? arguments.heights : arguments.polar).empty()) {
+    return fail(2, std::string("'") + arguments.surface + "' is over a " + (spherical ? "sphere" : "cylinder") +
+                       "; ask for points with " + option);
   }
-  if (angles_deg->size() * heights_mm.size() > kMostValues) {
-    return fail(2, std::to_string(angles_deg->size() * heights_mm.size()) + " points are more than " +
+  constexpr double kDegrees = 180 / std::numbers::pi;
+  const auto shown = [&](double along) {
+    return spherical ? BaseSurface::meridian().theta_of_v(along) * kDegrees : along;
+  };
+  const double start = shown(base.band_start), end = shown(base.band_end);
+  std::vector<double> places;
+  if (asked.empty()) {
+    for (int k = 0; k <= 20; ++k) places.push_back(start + k * (end - start) / 20);
+  } else if (const auto given = numbers_from(asked)) {
+    places = *given;
+  } else {
+    return fail(2, std::string(option) + " '" + asked + "' is neither a list a,b,c nor a range first:step:last");
+  }
+  if (angles_deg->size() * places.size() > kMostValues) {
+    return fail(2, std::to_string(angles_deg->size() * places.size()) + " points are more than " +
                        std::to_string(kMostValues) + "; ask for fewer");
   }
-  for (const double z : heights_mm) {
-    if (z < base.z_start_mm || z > base.z_end_mm) {
+  for (const double place : places) {
+    if (place < start || place > end) {
       char text[256];
       std::snprintf(text, sizeof text,
-                    "height %g mm is outside the surface's band %.6f .. %.6f mm; it is never extrapolated", z,
-                    base.z_start_mm, base.z_end_mm);
+                    spherical
+                        ? "polar angle %g degrees is outside the surface's band %.6f .. %.6f degrees; it is never "
+                          "extrapolated"
+                        : "height %g mm is outside the surface's band %.6f .. %.6f mm; it is never extrapolated",
+                    place, start, end);
       return fail(2, text);
     }
   }
-  std::string csv =
-      "angle_deg,height_mm,r_mm,x_mm,y_mm,z_mm,normal_x,normal_y,normal_z,curvature_max_per_mm,curvature_min_per_mm\n";
-  for (const double z : heights_mm) {
+  std::string csv = spherical ? "angle_deg,polar_deg,rho_mm" : "angle_deg,height_mm,r_mm";
+  csv += ",x_mm,y_mm,z_mm,normal_x,normal_y,normal_z,curvature_max_per_mm,curvature_min_per_mm\n";
+  for (const double place : places) {
+    const double z = !spherical     ? place
+                     : place == end ? base.band_end
+                                    : BaseSurface::meridian().v_of_theta(place / kDegrees);
     for (const double angle : *angles_deg) {
       const double theta = angle * std::numbers::pi / 180;
       const SurfacePoint point = file->function.surface_point(theta, z);
       char row[512];
-      std::snprintf(row, sizeof row, "%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", angle, z,
-                    file->function(theta, z), point.p_W.x(), point.p_W.y(), point.p_W.z(), point.normal_W.x(),
+      std::snprintf(row, sizeof row, "%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", angle,
+                    place, file->function(theta, z), point.p_W.x(), point.p_W.y(), point.p_W.z(), point.normal_W.x(),
                     point.normal_W.y(), point.normal_W.z(), point.curvature_max, point.curvature_min);
       csv += row;
     }
@@ -117,6 +136,8 @@ void add_evaluate_command(CLI::App& program, Run& run) {
   command->add_option("--angles", arguments->angles, "angles [degrees]: a list a,b,c or a range first:step:last");
   command->add_option("--heights", arguments->heights,
                       "heights in the surface's frame [mm], list or range; default: 21 over its band");
+  command->add_option("--polar", arguments->polar,
+                      "polar angles of a surface over a sphere [degrees], list or range; default: 21 over its band");
   command->add_option("-o,--output", arguments->output, "CSV file; default: standard output");
   command->callback([arguments, &run] { run = [arguments] { return evaluate(*arguments); }; });
 }

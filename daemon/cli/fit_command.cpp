@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include <CLI/CLI.hpp>
 
@@ -15,7 +16,10 @@
 #include "daemon/report.h"
 #include "daemon/results.h"
 #include "daemon/usage_error.h"
+#include "fitting/even_sample.h"
+#include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
+#include "fitting/spherical_stream.h"
 
 namespace celadon::cli {
 namespace {
@@ -25,6 +29,7 @@ struct FitArguments {
                      report;
   std::vector<std::string> outputs;
   double tolerance_mm = 0, form_tolerance_mm = -1, chord_mm = 0;
+  std::optional<double> centre_z_mm;
   std::vector<int> degree = {3, 3}, knots;
   bool ap214 = false, json = false;
 };
@@ -42,17 +47,18 @@ class StopWatch {
   std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
 };
 
-SurfaceModel model_from(const std::string& text) {
+SurfaceModel model_from(const std::string& text, BaseKind base) {
   for (const auto model :
        {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational, SurfaceModel::general}) {
-    if (text == to_string(model)) return model;
+    if (text == to_string(model, base)) return model;
   }
   return SurfaceModel::automatic;
 }
 
 RangeFitOptions fit_options(const FitArguments& arguments) {
   RangeFitOptions options;
-  options.model = model_from(arguments.model);
+  options.base = arguments.shape == "sphere" ? BaseKind::sphere : BaseKind::cylinder;
+  options.model = model_from(arguments.model, options.base);
   options.tolerance_mm = arguments.tolerance_mm;
   if (arguments.form_tolerance_mm >= 0) options.form_tolerance_mm = arguments.form_tolerance_mm;
   options.degree_u = arguments.degree[0];
@@ -74,7 +80,46 @@ void accumulate(ProfileStream& samples, MomentGrid& sums, FirstLook& look) {
   }
 }
 
+// From an even sample of the file, in the file's frame.
+tl::expected<LocalFrame, std::string> own_frame(ProfileStream& samples) {
+  EvenSample<Eigen::Vector3d> kept(12000);
+  samples.rewind();
+  while (const Profile* profile = samples.next()) {
+    for (std::size_t k = 0; k < profile->size(); ++k) {
+      kept.add([&] {
+        const double r = profile->r_mm[k], t = profile->theta_rad[k];
+        return Eigen::Vector3d(r * std::cos(t), r * std::sin(t), profile->z_mm[k]);
+      });
+    }
+  }
+  Eigen::Matrix3Xd points(3, static_cast<Eigen::Index>(kept.values().size()));
+  for (std::size_t k = 0; k < kept.values().size(); ++k) points.col(static_cast<Eigen::Index>(k)) = kept.values()[k];
+  auto frame = local_frame(points);
+  if (!frame) return tl::make_unexpected(frame.error().message);
+  return *frame;
+}
+
+// The fit of samples in a local frame as a surface in the frame outside.
+void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL) {
+  const RangeFunction& f = fitted.function;
+  BaseSurface base = f.base();
+  base.X_WB = X_WL * base.X_WB;
+  fitted.function = RangeFunction(base, f.degree_u(), f.degree_v(), f.knots_u(), f.knots_v(), f.coefficients());
+  fitted.surface = symbolic_product(fitted.function);
+}
+
+// What the options say together; empty: nothing is wrong.
+std::string contradiction(const FitArguments& arguments) {
+  const bool sphere = arguments.shape == "sphere";
+  if (arguments.centre_z_mm && !sphere) return "--centre-z is for --shape sphere; leave it out or change the shape";
+  if (arguments.model == (sphere ? "cylinder" : "sphere"))
+    return "--model " + arguments.model + " does not go with --shape " + arguments.shape + "; ask for --model " +
+           arguments.shape;
+  return {};
+}
+
 int fit(const FitArguments& arguments) {
+  if (const std::string wrong = contradiction(arguments); !wrong.empty()) return fail(2, wrong);
   // Outputs are checked before hours of work, not after.
   std::vector<std::pair<ResultFormat, std::filesystem::path>> outputs;
   for (const auto& output : arguments.outputs) {
@@ -102,11 +147,35 @@ int fit(const FitArguments& arguments) {
   const auto unit = millimetres_per_unit(arguments.unit);
   if (!unit) return fail(2, unit.error());
   cloud.millimetres_per_unit = *unit;
-  const auto samples = open_cloud(arguments.input, cloud);
+  auto samples = open_cloud(arguments.input, cloud);
   if (!samples) return fail(2, samples.error().message);
+  if (arguments.axis == "auto") {
+    const auto own = own_frame(**samples);
+    if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
+    if (!own) return fail(2, "'" + arguments.input + "': " + own.error());
+    notes.own_axis = *own;
+    notes.warnings = own->warnings;
+    cloud.X_SF = own->X_SL.inverse();
+    samples = open_cloud(arguments.input, cloud);
+    if (!samples) return fail(2, samples.error().message);
+    notes.seconds.push_back({"axis", watch.lap()});
+  }
 
   const RangeFitOptions options = fit_options(arguments);
-  const auto grid = choose_grid(**samples, options);
+  std::optional<SphericalStream> spherical;
+  double centre_z_mm = 0;
+  if (options.base == BaseKind::sphere) {
+    const bool about_origin = (*samples)->columns() == CloudColumns::spherical && !notes.own_axis;
+    centre_z_mm = arguments.centre_z_mm.value_or(about_origin ? 0 : centre_on_axis_mm(**samples));
+    if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
+    if (!std::isfinite(centre_z_mm)) {
+      return fail(
+          2, "'" + arguments.input + "': the samples lie at one height and show no centre; name one with --centre-z");
+    }
+    spherical.emplace(**samples, centre_z_mm);
+  }
+  ProfileStream& stream = spherical ? static_cast<ProfileStream&>(*spherical) : **samples;
+  const auto grid = choose_grid(stream, options);
   if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
   if (!grid && (*samples)->skipped() > 0) {
     return fail(2, "'" + arguments.input + "': " + grid.error().message + " (" + std::to_string((*samples)->skipped()) +
@@ -116,12 +185,15 @@ int fit(const FitArguments& arguments) {
   notes.seconds.push_back({"read", watch.lap()});
   MomentGrid sums(*grid);
   FirstLook look(sums);
-  accumulate(**samples, sums, look);
+  accumulate(stream, sums, look);
   notes.seconds.push_back({"accumulate", watch.lap()});
-  ProfileStream* const whole[] = {samples->get()};
+  ProfileStream* const whole[] = {&stream};
   auto surface = fit_surface(sums, look, whole, options);
   if (!surface) return fail(2, "'" + arguments.input + "': " + surface.error().message);
-  const RangeFit fitted = measure_errors(std::move(*surface), whole);
+  RangeFit fitted = measure_errors(std::move(*surface), whole);
+  Eigen::Isometry3d X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity();
+  if (spherical) X_WL.translate(Eigen::Vector3d(0, 0, centre_z_mm));
+  if (notes.own_axis || spherical) place(fitted, X_WL);
   notes.seconds.push_back({"fit", watch.lap()});
 
   notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
@@ -154,10 +226,12 @@ int fit(const FitArguments& arguments) {
 
 void add_fit_command(CLI::App& program, Run& run) {
   auto arguments = std::make_shared<FitArguments>();
-  auto* command = program.add_subcommand(
-      "fit",
-      "Fit an exact NURBS surface to a point cloud (PLY, PCD, XYZ, CSV) or to native samples\n"
-      "(CSV with the header r,theta,z: mm and radians). The rotary axis must pass through the origin.");
+  auto* command =
+      program.add_subcommand("fit",
+                             "Fit an exact NURBS surface to a point cloud (PLY, PCD, XYZ, CSV) or to native samples\n"
+                             "(CSV with the header r,theta,z or rho,phi,theta: mm and radians). The rotary axis must "
+                             "pass through the origin,\n"
+                             "unless --axis auto finds it.");
   command->option_defaults()->always_capture_default();
   command->add_option("INPUT", arguments->input, "file to read")->required();
   command
@@ -165,11 +239,17 @@ void add_fit_command(CLI::App& program, Run& run) {
                    "files to write, by their endings: .step, .stl, .ply, .json (surface), report.json")
       ->expected(1, -1);
   command->add_option("--report", arguments->report, "write the report as JSON to this file");
-  command->add_option("--shape", arguments->shape, "base geometry")->check(CLI::IsMember({"cylinder"}));
+  command->add_option("--shape", arguments->shape, "base geometry")->check(CLI::IsMember({"cylinder", "sphere"}));
+  command->add_option(
+      "--centre-z", arguments->centre_z_mm,
+      "height of the sphere's centre on the axis [mm]; default: where the samples lie best about it, 0 of\n"
+      "native samples rho,phi,theta");
   command->add_option("--model", arguments->model, "how general the surface is")
-      ->check(CLI::IsMember({"auto", "cylinder", "revolution", "translational", "general"}));
-  command->add_option("--axis", arguments->axis, "axis of the file that is the rotary axis")
-      ->check(CLI::IsMember({"x", "y", "z"}));
+      ->check(CLI::IsMember({"auto", "cylinder", "sphere", "revolution", "translational", "general"}));
+  command
+      ->add_option("--axis", arguments->axis,
+                   "axis of the file that is the rotary axis; auto: the shape's own, wherever it is")
+      ->check(CLI::IsMember({"x", "y", "z", "auto"}));
   command->add_option("--unit", arguments->unit, "unit of length of the file: um, mm, cm, m, in");
   command
       ->add_option("--tolerance", arguments->tolerance_mm,

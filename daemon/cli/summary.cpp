@@ -2,6 +2,7 @@
 
 #include <cstdio>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 namespace celadon::cli {
 namespace {
@@ -36,6 +37,14 @@ std::string summary_of(const json& report) {
   text += line("  surface     %s, degree (%d, %d), %d x %d control points", report["model"].get<std::string>().c_str(),
                report["degree"][0].get<int>(), report["degree"][1].get<int>(), report["control_points"][0].get<int>(),
                report["control_points"][1].get<int>());
+  if (report.contains("own_axis")) {
+    const auto& origin = report["frame"]["origin"];
+    const auto& z = report["frame"]["z"];
+    text += line("  axis        through %.3f %.3f %.3f along %.5f %.5f %.5f", origin[0].get<double>(),
+                 origin[1].get<double>(), origin[2].get<double>(), z[0].get<double>(), z[1].get<double>(),
+                 z[2].get<double>());
+    text += "              " + report["own_axis"]["reason"].get<std::string>() + "\n";
+  }
   text += line("  chosen      %s", report["decided_by"].get<std::string>().c_str());
   text += line("  samples     %llu, of which %llu rejected and %.2f %% that no single-valued surface can follow",
                static_cast<unsigned long long>(report["points"]), static_cast<unsigned long long>(report["rejected"]),
@@ -43,8 +52,15 @@ std::string summary_of(const json& report) {
   text +=
       "  noise       " + length(report["noise_mm"]) + line(" (correlation factor %.2f)", report["kappa"].get<double>());
   text += "  fit error   " + errors(report["geometric_mm"]) + " (perpendicular)\n";
-  text += line("  coverage    %.1f %% of the band z %.2f .. %.2f mm", 100 * report["coverage"].get<double>(),
-               report["band_mm"][0].get<double>(), report["band_mm"][1].get<double>());
+  const double covered = 100 * report["coverage"].get<double>();
+  if (report.contains("band_rad")) {
+    constexpr double kDegrees = 180 / std::numbers::pi;
+    text += line("  coverage    %.1f %% of the band phi %.2f .. %.2f degrees", covered,
+                 report["band_rad"][0].get<double>() * kDegrees, report["band_rad"][1].get<double>() * kDegrees);
+  } else {
+    text += line("  coverage    %.1f %% of the band z %.2f .. %.2f mm", covered, report["band_mm"][0].get<double>(),
+                 report["band_mm"][1].get<double>());
+  }
   if (report.contains("truth_mm") && report["truth_mm"].is_object()) {
     const auto& truth = report["truth_mm"];
     text += "  truth       bias " + length(truth["bias"]) + ", rms " + length(truth["rms"]) + ", largest " +

@@ -99,9 +99,10 @@ tl::expected<std::string, std::string> step_text(const WallSolid& body, const Ca
   const Handle(XSControl_WorkSession) session = writer.WS();
   const Handle(Transfer_FinderProcess) finder = session->TransferWriter()->FinderProcess();
   STEPConstruct_Styles styles(session);
-  const bool dressed = dress(styles, finder, body.wall, "wall", measured) &&
-                       dress(styles, finder, body.bottom, "bottom (assumed)", assumed) &&
-                       dress(styles, finder, body.top, "top (assumed)", assumed);
+  bool dressed = dress(styles, finder, body.wall, "wall", measured);
+  for (const Cap& cap : body.caps) {
+    dressed = dressed && dress(styles, finder, cap.face, (std::string(cap.name) + " (assumed)").c_str(), assumed);
+  }
   const Handle(StepRepr_RepresentationItem) solid = STEPConstruct::FindEntity(finder, body.solid);
   const Handle(StepRepr_RepresentationContext) context = styles.FindContext(body.solid);
   if (!dressed || solid.IsNull() || context.IsNull()) {

@@ -2,6 +2,7 @@
 
 #include <BRepCheck_Analyzer.hxx>
 #include <BRep_Builder.hxx>
+#include <BRep_Tool.hxx>
 #include <Geom2d_BSplineCurve.hxx>
 #include <Geom2d_Line.hxx>
 #include <Geom_BSplineCurve.hxx>
@@ -12,6 +13,7 @@
 #include <TColStd_Array2OfReal.hxx>
 #include <TColgp_Array1OfPnt2d.hxx>
 #include <TColgp_Array2OfPnt.hxx>
+#include <TopExp.hxx>
 #include <TopoDS.hxx>
 #include <TopoDS_Edge.hxx>
 #include <TopoDS_Shell.hxx>
@@ -122,52 +124,69 @@ Handle(Geom_BSplineSurface) surface_of(const NurbsSurface& wall) {
                                  wall.degree_v);
 }
 
+bool is_pole(const NurbsSurface& wall, int row) {
+  const Eigen::Vector4d first = wall.control_point(row, 0);
+  for (int j = 1; j < wall.count_v(); ++j) {
+    const Eigen::Vector4d other = wall.control_point(row, j);
+    if ((first.head<3>() / first.w() - other.head<3>() / other.w()).norm() > tolerance_mm) {
+      return false;
+    }
+  }
+  return true;
+}
+
 /// Builds the body edge by edge; the parameter rectangle of the wall is [u0, u1] x [v0, v1].
 class BodyBuilder {
  public:
-  explicit BodyBuilder(const NurbsSurface& wall)
+  /// `outward`: S_u x S_v points out of the body.
+  BodyBuilder(const NurbsSurface& wall, bool outward)
       : surface_(surface_of(wall)),
+        outward_(outward),
         u0_(wall.knots_u.front()),
         u1_(wall.knots_u.back()),
         v0_(wall.knots_v.front()),
-        v1_(wall.knots_v.back()) {
+        v1_(wall.knots_v.back()),
+        pole0_(is_pole(wall, 0)),
+        pole1_(is_pole(wall, wall.count_u() - 1)),
+        apex0_(cap_apex(wall.control_points.leftCols(wall.count_v()))),
+        apex1_(cap_apex(wall.control_points.rightCols(wall.count_v()))) {
     builder_.MakeFace(wall_, surface_, tolerance_mm);
   }
 
   tl::expected<WallSolid, std::string> build() {
-    const TopoDS_Vertex bottom_vertex = vertex(u0_);
-    const TopoDS_Vertex top_vertex = vertex(u1_);
-    const TopoDS_Edge seam = seam_between(bottom_vertex, top_vertex);
-    const TopoDS_Edge bottom_rim = rim(u0_, bottom_vertex);
-    const TopoDS_Edge top_rim = rim(u1_, top_vertex);
+    const TopoDS_Vertex first_vertex = vertex(u0_);
+    const TopoDS_Vertex last_vertex = vertex(u1_);
+    const TopoDS_Edge seam = seam_between(first_vertex, last_vertex);
+    const TopoDS_Edge first_rim = pole0_ ? pole(u0_, first_vertex) : rim(u0_, first_vertex);
+    const TopoDS_Edge last_rim = pole1_ ? pole(u1_, last_vertex) : rim(u1_, last_vertex);
 
     // Counter-clockwise in the parameter plane: along v0, up u1, back along v1, down u0.
     TopoDS_Wire boundary;
     builder_.MakeWire(boundary);
     builder_.Add(boundary, seam);
-    builder_.Add(boundary, top_rim);
+    builder_.Add(boundary, last_rim);
     builder_.Add(boundary, seam.Reversed());
-    builder_.Add(boundary, bottom_rim.Reversed());
+    builder_.Add(boundary, first_rim.Reversed());
     boundary.Closed(true);
     builder_.Add(wall_, boundary);
 
-    const auto bottom = disc(bottom_rim, End::bottom);
-    const auto top = disc(top_rim, End::top);
-    for (const auto* end : {&bottom, &top}) {
-      if (!*end) {
-        return tl::make_unexpected(end->error());
-      }
-    }
     WallSolid body;
-    // S_u x S_v points inward (the contract of symbolic_product), a shell's faces point outward.
-    body.wall = TopoDS::Face(wall_.Reversed());
-    body.bottom = *bottom;
-    body.top = *top;
+    // A shell's faces point outward.
+    body.wall = outward_ ? wall_ : TopoDS::Face(wall_.Reversed());
     TopoDS_Shell shell;
     builder_.MakeShell(shell);
     builder_.Add(shell, body.wall);
-    builder_.Add(shell, body.bottom);
-    builder_.Add(shell, body.top);
+    for (const bool last : {false, true}) {
+      if (last ? pole1_ : pole0_) {
+        continue;
+      }
+      const auto face = cap(last ? last_rim : first_rim, last);
+      if (!face) {
+        return tl::make_unexpected(face.error());
+      }
+      body.caps.push_back({*face, last != outward_ ? "top" : "bottom"});
+      builder_.Add(shell, *face);
+    }
     shell.Closed(true);
     builder_.MakeSolid(body.solid);
     builder_.Add(body.solid, shell);
@@ -175,19 +194,17 @@ class BodyBuilder {
   }
 
  private:
-  enum class End { bottom, top };
-
   TopoDS_Vertex vertex(double u) {
     TopoDS_Vertex result;
     builder_.MakeVertex(result, surface_->Value(u, v0_), tolerance_mm);
     return result;
   }
 
-  TopoDS_Edge seam_between(const TopoDS_Vertex& bottom, const TopoDS_Vertex& top) {
+  TopoDS_Edge seam_between(const TopoDS_Vertex& first, const TopoDS_Vertex& last) {
     TopoDS_Edge edge;
     builder_.MakeEdge(edge, surface_->VIso(v0_), tolerance_mm);
-    builder_.Add(edge, bottom.Oriented(TopAbs_FORWARD));
-    builder_.Add(edge, top.Oriented(TopAbs_REVERSED));
+    builder_.Add(edge, first.Oriented(TopAbs_FORWARD));
+    builder_.Add(edge, last.Oriented(TopAbs_REVERSED));
     builder_.UpdateEdge(edge, new Geom2d_Line(gp_Pnt2d(0, v0_), gp_Dir2d(1, 0)),
                         new Geom2d_Line(gp_Pnt2d(0, v1_), gp_Dir2d(1, 0)), wall_, tolerance_mm);
     builder_.Range(edge, u0_, u1_);
@@ -205,26 +222,49 @@ class BodyBuilder {
     return edge;
   }
 
-  /// The plane disc on a rim. Its edge has the rim's control points, projected, as exact pcurve.
-  tl::expected<TopoDS_Face, std::string> disc(const TopoDS_Edge& edge, End end) {
-    const bool top = end == End::top;
-    const auto curve = Handle(Geom_BSplineCurve)::DownCast(surface_->UIso(top ? u1_ : u0_));
-    const int count = curve->NbPoles();
-    gp_XYZ centre(0, 0, 0);
-    for (int i = 1; i < count; ++i) {
-      centre += curve->Pole(i).XYZ() / (count - 1);
+  // An edge without length: all of v at one point.
+  TopoDS_Edge degenerate(const TopoDS_Face& face, double u, const TopoDS_Vertex& at) {
+    TopoDS_Edge edge;
+    builder_.MakeEdge(edge);
+    builder_.Add(edge, at.Oriented(TopAbs_FORWARD));
+    builder_.Add(edge, at.Oriented(TopAbs_REVERSED));
+    builder_.UpdateEdge(edge, new Geom2d_Line(gp_Pnt2d(u, 0), gp_Dir2d(0, 1)), face, tolerance_mm);
+    builder_.Range(edge, face, v0_, v1_);
+    builder_.Degenerated(edge, true);
+    return edge;
+  }
+  TopoDS_Edge pole(double u, const TopoDS_Vertex& at) { return degenerate(wall_, u, at); }
+
+  const char* name_of(bool last) const { return last != outward_ ? "top" : "bottom"; }
+
+  tl::expected<TopoDS_Face, std::string> cap(const TopoDS_Edge& edge, bool last) {
+    double off_plane = 0;
+    auto plane = disc(edge, last, off_plane);
+    if (!plane || off_plane <= tolerance_mm) {
+      return plane;
     }
+    if (outward_) {
+      return fan(edge, last);
+    }
+    return tl::make_unexpected(std::string("the ") + name_of(last) + " rim leaves its plane by " + number(off_plane) +
+                               " mm; a disc cannot close it: clip the wall at one height");
+  }
+
+  /// The plane disc on a rim, of use if no control point lies off the plane. Its edge has the rim's control points,
+  /// projected, as exact pcurve.
+  tl::expected<TopoDS_Face, std::string> disc(const TopoDS_Edge& edge, bool last, double& off_plane) {
+    const bool top = last != outward_;
+    const auto curve = Handle(Geom_BSplineCurve)::DownCast(surface_->UIso(last ? u1_ : u0_));
+    const int count = curve->NbPoles();
+    const Eigen::Vector3d& apex = last ? apex1_ : apex0_;
+    const gp_XYZ centre(apex.x(), apex.y(), apex.z());
     // Newell's normal of the control polygon; +v runs counter-clockwise seen from the top.
     gp_XYZ normal(0, 0, 0);
     for (int i = 1; i < count; ++i) {
       normal += (curve->Pole(i).XYZ() - centre).Crossed(curve->Pole(i + 1).XYZ() - centre);
     }
-    const gp_XYZ upward = surface_->Pole(surface_->NbUPoles(), 1).XYZ() - surface_->Pole(1, 1).XYZ();
     if (normal.Modulus() < tolerance_mm * tolerance_mm) {
-      return tl::make_unexpected(std::string(top ? "the top" : "the bottom") + " rim encloses no area");
-    }
-    if (normal.Dot(upward) <= 0) {
-      return tl::make_unexpected(std::string("the wall is inside out: S_u x S_v must point inward"));
+      return tl::make_unexpected(std::string("the ") + name_of(last) + " rim encloses no area");
     }
     const gp_Dir outward = top ? gp_Dir(normal) : gp_Dir(normal.Reversed());
     // Any direction in the plane will do; the axis furthest from the normal keeps a level disc's numbers simple.
@@ -233,7 +273,6 @@ class BodyBuilder {
 
     TColgp_Array1OfPnt2d poles(1, count);
     TColStd_Array1OfReal weights(1, count);
-    double off_plane = 0;
     for (int i = 1; i <= count; ++i) {
       const gp_Vec from_centre(frame.Location(), curve->Pole(i));
       poles(i) = gp_Pnt2d(from_centre.Dot(gp_Vec(frame.XDirection())), from_centre.Dot(gp_Vec(frame.YDirection())));
@@ -241,8 +280,7 @@ class BodyBuilder {
       off_plane = std::max(off_plane, std::abs(from_centre.Dot(gp_Vec(frame.Direction()))));
     }
     if (off_plane > tolerance_mm) {
-      return tl::make_unexpected(std::string("the ") + (top ? "top" : "bottom") + " rim leaves its plane by " +
-                                 number(off_plane) + " mm; a disc cannot close it: clip the wall at one height");
+      return TopoDS_Face();
     }
     TColStd_Array1OfReal knots(1, curve->NbKnots());
     TColStd_Array1OfInteger multiplicities(1, curve->NbKnots());
@@ -261,9 +299,59 @@ class BodyBuilder {
     return face;
   }
 
+  /// The ruled face from the rim's middle to the rim: every ray from the axis meets both once.
+  TopoDS_Face fan(const TopoDS_Edge& edge, bool last) {
+    const auto curve = Handle(Geom_BSplineCurve)::DownCast(surface_->UIso(last ? u1_ : u0_));
+    const Eigen::Vector3d& apex = last ? apex1_ : apex0_;
+    const int count = curve->NbPoles();
+    TColgp_Array2OfPnt poles(1, 2, 1, count);
+    TColStd_Array2OfReal weights(1, 2, 1, count);
+    for (int i = 1; i <= count; ++i) {
+      poles(1, i) = gp_Pnt(apex.x(), apex.y(), apex.z());
+      poles(2, i) = curve->Pole(i);
+      weights(1, i) = weights(2, i) = curve->Weight(i);
+    }
+    TColStd_Array1OfReal knots_v(1, curve->NbKnots()), knots_u(1, 2);
+    TColStd_Array1OfInteger counts_v(1, curve->NbKnots()), counts_u(1, 2);
+    curve->Knots(knots_v);
+    curve->Multiplicities(counts_v);
+    knots_u(1) = 0, knots_u(2) = 1;
+    counts_u.Init(2);
+    TopoDS_Face face;
+    builder_.MakeFace(face,
+                      new Geom_BSplineSurface(poles, weights, knots_u, knots_v, counts_u, counts_v, 1, curve->Degree()),
+                      tolerance_mm);
+    const auto surface = Handle(Geom_BSplineSurface)::DownCast(BRep_Tool::Surface(face));
+    TopoDS_Vertex middle, on_rim = TopExp::FirstVertex(edge);
+    builder_.MakeVertex(middle, gp_Pnt(apex.x(), apex.y(), apex.z()), tolerance_mm);
+    TopoDS_Edge seam;
+    builder_.MakeEdge(seam, surface->VIso(v0_), tolerance_mm);
+    builder_.Add(seam, middle.Oriented(TopAbs_FORWARD));
+    builder_.Add(seam, on_rim.Oriented(TopAbs_REVERSED));
+    builder_.UpdateEdge(seam, new Geom2d_Line(gp_Pnt2d(0, v0_), gp_Dir2d(1, 0)),
+                        new Geom2d_Line(gp_Pnt2d(0, v1_), gp_Dir2d(1, 0)), face, tolerance_mm);
+    builder_.Range(seam, 0, 1);
+    builder_.Continuity(seam, face, face, GeomAbs_C0);
+    const TopoDS_Edge point = degenerate(face, 0, middle);
+    builder_.UpdateEdge(edge, new Geom2d_Line(gp_Pnt2d(1, 0), gp_Dir2d(0, 1)), face, tolerance_mm);
+    TopoDS_Wire boundary;
+    builder_.MakeWire(boundary);
+    builder_.Add(boundary, seam);
+    builder_.Add(boundary, edge.Oriented(TopAbs_FORWARD));
+    builder_.Add(boundary, seam.Reversed());
+    builder_.Add(boundary, point.Reversed());
+    boundary.Closed(true);
+    builder_.Add(face, boundary);
+    // Its normal points to the side from which v runs counter-clockwise: up.
+    return last != outward_ ? face : TopoDS::Face(face.Reversed());
+  }
+
   BRep_Builder builder_;
   Handle(Geom_BSplineSurface) surface_;
+  bool outward_;
   double u0_, u1_, v0_, v1_;
+  bool pole0_, pole1_;
+  Eigen::Vector3d apex0_, apex1_;
   TopoDS_Face wall_;
 };
 
@@ -273,17 +361,18 @@ tl::expected<WallSolid, std::string> solid_of_wall(const NurbsSurface& wall) {
   if (auto problem = wall_problem(wall)) {
     return tl::make_unexpected(std::move(*problem));
   }
-  auto body = BodyBuilder(wall).build();
+  const double volume = signed_volume_mm3(wall);
+  if (!std::isfinite(volume) || volume == 0) {
+    return tl::make_unexpected("the wall encloses no volume");
+  }
+  auto body = BodyBuilder(wall, volume < 0).build();
   if (!body) {
     return body;
   }
   if (!BRepCheck_Analyzer(body->solid).IsValid()) {
     return tl::make_unexpected(std::string("OpenCASCADE finds the solid invalid"));
   }
-  body->volume_mm3 = enclosed_volume_mm3(wall);
-  if (!(body->volume_mm3 > 0)) {
-    return tl::make_unexpected("the solid has a volume of " + number(body->volume_mm3) + " mm3, not a positive one");
-  }
+  body->volume_mm3 = std::abs(volume);
   return body;
 }
 

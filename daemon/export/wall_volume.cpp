@@ -68,8 +68,8 @@ std::vector<Abscissa> abscissae(const std::vector<double>& knots, int degree) {
   return all;
 }
 
-/// A third of the flux through the disc on the closed curve with these control points, to the left of its direction.
-double disc_flux(const Eigen::Matrix4Xd& points, const std::vector<Abscissa>& along) {
+/// A third of the flux through the fan on the closed curve with these control points, to the left of its direction.
+double cap_flux(const Eigen::Matrix4Xd& points, const std::vector<Abscissa>& along) {
   Eigen::Vector3d double_area = Eigen::Vector3d::Zero();
   for (const Abscissa& a : along) {
     const Eigen::Index n = static_cast<Eigen::Index>(a.value.size());
@@ -78,13 +78,19 @@ double disc_flux(const Eigen::Matrix4Xd& points, const std::vector<Abscissa>& al
     const Eigen::Vector4d h_t = active * Eigen::Map<const Eigen::VectorXd>(a.derivative.data(), n);
     double_area += a.weight * h.head<3>().cross(h_t.head<3>()) / (h.w() * h.w());
   }
-  // All of the plane has the same distance from the origin along its normal: any of its points will do.
-  return points.col(0).head<3>().dot(double_area) / points(3, 0) / 6;
+  return cap_apex(points).dot(double_area) / 6;
 }
 
 }  // namespace
 
-double enclosed_volume_mm3(const NurbsSurface& wall) {
+Eigen::Vector3d cap_apex(const Eigen::Matrix4Xd& rim) {
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  const Eigen::Index count = rim.cols() - 1;
+  for (Eigen::Index j = 0; j < count; ++j) middle += rim.col(j).head<3>() / rim(3, j) / static_cast<double>(count);
+  return middle;
+}
+
+double signed_volume_mm3(const NurbsSurface& wall) {
   const auto in_u = abscissae(wall.knots_u, wall.degree_u);
   const auto in_v = abscissae(wall.knots_v, wall.degree_v);
   const int count_v = wall.count_v();
@@ -114,9 +120,9 @@ double enclosed_volume_mm3(const NurbsSurface& wall) {
       volume += a.weight * b.weight * triple / 3;
     }
   }
-  const Eigen::Matrix4Xd bottom = wall.control_points.leftCols(count_v);
-  const Eigen::Matrix4Xd top = wall.control_points.rightCols(count_v);
-  return volume + disc_flux(top, in_v) - disc_flux(bottom, in_v);
+  const Eigen::Matrix4Xd first = wall.control_points.leftCols(count_v);
+  const Eigen::Matrix4Xd last = wall.control_points.rightCols(count_v);
+  return volume + cap_flux(last, in_v) - cap_flux(first, in_v);
 }
 
 }  // namespace celadon

@@ -101,18 +101,18 @@ void RangeBounds::widen(const RangeBounds& other) {
 }
 
 BoundTable::BoundTable(const RangeFunction& range) {
-  const BaseCylinder& base = range.base();
-  const double height = base.z_end_mm - base.z_start_mm;
+  const BaseSurface& base = range.base();
+  const double height = base.band_end - base.band_start;
   const int p = range.degree_u();
   const int q = range.degree_v();
   const auto u_pieces = pieces_of(range.knots_u(), p, least_pieces_up);
   const auto v_pieces = pieces_of(range.knots_v(), q, least_pieces_around);
-  z_.push_back(base.z_start_mm);
+  z_.push_back(base.band_start);
   for (const Piece& u : u_pieces) {
-    z_.push_back(base.z_start_mm + u.to * height);
+    z_.push_back(base.band_start + u.to * height);
     z_kink_.push_back(u.kink_before);
   }
-  z_.back() = base.z_end_mm;
+  z_.back() = base.band_end;
   theta_.push_back(base.arcs.theta_of_v(v_pieces.front().from));
   for (const Piece& v : v_pieces) {
     theta_.push_back(base.arcs.theta_of_v(v.to));

@@ -18,9 +18,9 @@ class PointCloud : public CloudFile {
   PointCloud(InputFile file, const CloudOptions& options) : file_(std::move(file)), options_(options) {}
 
   /// @pre called once, before anything else; the sources refer to file() and live in this object
-  void take(std::unique_ptr<PointSource> source, bool native) {
+  void take(std::unique_ptr<PointSource> source, CloudColumns columns) {
     source_ = std::move(source);
-    native_ = native;
+    columns_ = columns;
     for (auto& column : column_) {
       column.resize(options_.samples_per_profile);
     }
@@ -56,13 +56,13 @@ class PointCloud : public CloudFile {
   std::uint64_t points() const override { return source_->promised().value_or(std::max(total_, records_)); }
   std::uint64_t skipped() const override { return skipped_; }
   const std::string& error() const override { return source_->error(); }
-  bool native() const override { return native_; }
+  CloudColumns columns() const override { return columns_; }
 
  private:
   /// Scales lengths and closes the gaps that NaN and infinite numbers leave.
   std::size_t keep_finite(std::size_t count) {
     const double scale = options_.millimetres_per_unit;
-    const double middle_scale = native_ ? 1 : scale;
+    const double middle_scale = native() ? 1 : scale, last_scale = columns_ == CloudColumns::spherical ? 1 : scale;
     double* const a = column_[0].data();
     double* const b = column_[1].data();
     double* const c = column_[2].data();
@@ -70,7 +70,7 @@ class PointCloud : public CloudFile {
     for (std::size_t i = 0; i < count; ++i) {
       a[i] *= scale;
       b[i] *= middle_scale;
-      c[i] *= scale;
+      c[i] *= last_scale;
       sum += 0 * a[i] + 0 * b[i] + 0 * c[i];
     }
     // 0 x inf is NaN: a sum of 0 says that all are finite.
@@ -89,11 +89,29 @@ class PointCloud : public CloudFile {
     return kept;
   }
 
+  bool native() const { return columns_ != CloudColumns::cartesian; }
+
+  void to_cylindrical(std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const double rho = column_[0][i], phi = column_[1][i];
+      column_[0][i] = rho * std::sin(phi);
+      column_[1][i] = column_[2][i];
+      column_[2][i] = rho * std::cos(phi);
+    }
+  }
+
   void fill(std::size_t count) {
+    if (columns_ == CloudColumns::spherical) to_cylindrical(count);
     profile_.order = ProfileOrder::scattered;
     profile_.r_mm.resize(count);
     profile_.theta_rad.resize(count);
-    if (native_) {
+    if (options_.X_SF) {
+      move_to_frame(*options_.X_SF, count);
+      to_polar(column_[0].data(), column_[1].data(), count, profile_.r_mm.data(), profile_.theta_rad.data());
+      profile_.z_mm.assign(column_[2].begin(), column_[2].begin() + static_cast<std::ptrdiff_t>(count));
+      return;
+    }
+    if (native()) {
       std::copy_n(column_[0].begin(), count, profile_.r_mm.begin());
       std::copy_n(column_[1].begin(), count, profile_.theta_rad.begin());
       profile_.z_mm.assign(column_[2].begin(), column_[2].begin() + static_cast<std::ptrdiff_t>(count));
@@ -107,10 +125,20 @@ class PointCloud : public CloudFile {
     profile_.z_mm.assign(column_[third].begin(), column_[third].begin() + static_cast<std::ptrdiff_t>(count));
   }
 
+  void move_to_frame(const Eigen::Isometry3d& X_SF, std::size_t count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const double a = column_[0][i], b = column_[1][i], c = column_[2][i];
+      const Eigen::Vector3d p_F =
+          native() ? Eigen::Vector3d(a * std::cos(b), a * std::sin(b), c) : Eigen::Vector3d(a, b, c);
+      const Eigen::Vector3d p_S = X_SF * p_F;
+      for (std::size_t j = 0; j < 3; ++j) column_[j][i] = p_S[static_cast<Eigen::Index>(j)];
+    }
+  }
+
   InputFile file_;
   CloudOptions options_;
   std::unique_ptr<PointSource> source_;
-  bool native_ = false;
+  CloudColumns columns_ = CloudColumns::cartesian;
   std::array<std::vector<double>, 3> column_;
   Profile profile_;
   std::uint64_t records_ = 0, total_ = 0, skipped_ = 0;
@@ -164,7 +192,7 @@ tl::expected<CloudKind, std::string> kind_of(const InputFile& file) {
   return CloudKind::text;
 }
 
-Opened source_of(const InputFile& file, bool& native) {
+Opened source_of(const InputFile& file, CloudColumns& columns) {
   const auto kind = kind_of(file);
   if (!kind) {
     return tl::make_unexpected(kind.error());
@@ -175,7 +203,7 @@ Opened source_of(const InputFile& file, bool& native) {
     case CloudKind::pcd:
       return open_pcd(file);
     default:
-      return open_text(file, native);
+      return open_text(file, columns);
   }
 }
 
@@ -212,15 +240,15 @@ tl::expected<std::unique_ptr<CloudFile>, FileError> open_cloud(const std::filesy
     return tl::make_unexpected(FileError{input.error()});
   }
   auto cloud = std::make_unique<PointCloud>(std::move(*input), options);
-  bool native = false;
-  auto source = source_of(cloud->file(), native);
+  CloudColumns columns = CloudColumns::cartesian;
+  auto source = source_of(cloud->file(), columns);
   if (!cloud->file().error().empty()) {
     return tl::make_unexpected(FileError{cloud->file().error()});
   }
   if (!source) {
     return tl::make_unexpected(FileError{source.error()});
   }
-  cloud->take(std::move(*source), native);
+  cloud->take(std::move(*source), columns);
   return cloud;
 }
 

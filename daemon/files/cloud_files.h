@@ -1,9 +1,11 @@
 #pragma once
 // Readers of point clouds as profile streams, and of native samples. Depends on fitting/profile.h only.
 
+#include <Eigen/Geometry>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <tl/expected.hpp>
@@ -18,6 +20,8 @@ tl::expected<double, std::string> millimetres_per_unit(const std::string& unit);
 
 struct CloudOptions {
   Axis axis = Axis::z;  ///< becomes z, by the cyclic permutation of the axes that keeps the frame right-handed
+  /// The file's frame (mm; of native samples their own) in the frame samples are given in, instead of `axis`.
+  std::optional<Eigen::Isometry3d> X_SF;
   double millimetres_per_unit = 1;
   std::size_t samples_per_profile = 4096;
 };
@@ -26,18 +30,25 @@ struct FileError {
   std::string message;
 };  ///< names file, line or offset, value and remedy
 
+/// What the columns of a cloud are; angles in radians.
+enum class CloudColumns : std::uint8_t {
+  cartesian,    ///< x, y, z
+  cylindrical,  ///< r, theta, z
+  spherical     ///< rho, phi, theta about the origin
+};
+
 /// Streams a file in pieces, any number of times, in memory that does not grow with it.
 class CloudFile : public ProfileStream {
  public:
   virtual std::uint64_t points() const = 0;      ///< promised by the header or counted
   virtual std::uint64_t skipped() const = 0;     ///< NaN or infinite coordinates seen in the last pass
   virtual const std::string& error() const = 0;  ///< not empty after a pass that met a broken record: the sentence
-  virtual bool native() const = 0;               ///< r,theta,z instead of x,y,z
+  virtual CloudColumns columns() const = 0;
 };
 
 /// PLY and PCD (ASCII, binary, binary_compressed PCD), XYZ and CSV (comma, semicolon, blank, tab), CSV with the header
-/// r,theta,z (radians). The kind is found from the content, not the name. Headers that promise more than the file
-/// holds are refused at once.
+/// r,theta,z or rho,phi,theta (radians). The kind is found from the content, not the name. Headers that promise more
+/// than the file holds are refused at once.
 tl::expected<std::unique_ptr<CloudFile>, FileError> open_cloud(const std::filesystem::path& file,
                                                                const CloudOptions& options);
 

@@ -6,6 +6,7 @@
 
 #include <tl/expected.hpp>
 
+#include "daemon/files/cloud_files.h"
 #include "daemon/files/input_file.h"
 #include "daemon/files/point_source.h"
 
@@ -18,8 +19,8 @@ using Opened = tl::expected<std::unique_ptr<PointSource>, std::string>;
 Opened open_ply(const InputFile& file);
 /// PCD: ASCII, binary, binary_compressed.
 Opened open_pcd(const InputFile& file);
-/// Numbers in columns. Sets `native` if the header names r, theta, z.
-Opened open_text(const InputFile& file, bool& native);
+/// Numbers in columns; `columns` becomes what the header names, x, y, z without one.
+Opened open_text(const InputFile& file, CloudColumns& columns);
 
 /// The sentence for a header that promises `count` records of at least `bytes` each from `begin` on, if they cannot be
 /// in the file; empty if they can.

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "daemon/files/chord_bound.h"
+#include "daemon/files/sphere_mesh.h"
 #include "fitting/range_function.h"
 
 namespace celadon {
@@ -190,6 +191,9 @@ std::string one_line(const std::string& text) {
 TriangleMesh mesh_of(const RangeFunction& range, double chord_mm) {
   if (!(chord_mm > 0) || !range.base().arcs.closed()) {
     throw std::invalid_argument("mesh_of: the chord tolerance must be positive and the wall closed around the axis");
+  }
+  if (range.base().spherical()) {
+    return sphere_mesh(range, chord_mm);
   }
   const Grid grid = Mesher(range, chord_mm).grid();
   const auto around = static_cast<std::uint32_t>(grid.around());

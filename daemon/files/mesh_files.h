@@ -17,8 +17,9 @@ struct TriangleMesh {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
-/// The fitted wall and a plane disc at each end. No point of the wall is further than chord_mm from the mesh: grid
-/// lines follow bounds on the second derivatives of the range function, and every cell is proved (README.md, "Meshes").
+/// A range over a sphere goes to sphere_mesh(). Over a cylinder, the fitted wall and a plane disc at each end. No point
+/// of the wall is further than chord_mm from the mesh: grid lines follow bounds on the second derivatives of the range
+/// function, and every cell is proved (README.md, "Meshes").
 /// @pre chord_mm > 0, range closed around the axis and positive
 /// @throws std::length_error if more than 100 million triangles would be needed
 TriangleMesh mesh_of(const RangeFunction& range, double chord_mm);

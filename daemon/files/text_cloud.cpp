@@ -46,28 +46,31 @@ std::optional<std::array<std::size_t, 3>> columns_of(const std::vector<std::stri
   return columns;
 }
 
-/// Takes the columns a header names; false if it names neither triple.
-bool take_header(std::string_view line, TextLayout& layout, bool& native) {
+/// Takes the columns a header names; false if it names none of the triples.
+bool take_header(std::string_view line, TextLayout& layout, CloudColumns& columns) {
+  struct Triple {
+    std::array<std::string, 3> names;
+    CloudColumns columns;
+  };
+  static const Triple triples[] = {{{"r", "theta", "z"}, CloudColumns::cylindrical},
+                                   {{"rho", "phi", "theta"}, CloudColumns::spherical},
+                                   {{"x", "y", "z"}, CloudColumns::cartesian}};
   const auto names = names_of(line, separator_of(line));
-  const std::array<std::string, 3> polar = {"r", "theta", "z"};
-  const std::array<std::string, 3> cartesian = {"x", "y", "z"};
-  if (const auto columns = columns_of(names, polar)) {
-    layout.column = *columns;
-    layout.name = polar;
-    native = true;
-    return true;
-  }
-  if (const auto columns = columns_of(names, cartesian)) {
-    layout.column = *columns;
-    return true;
+  for (const Triple& triple : triples) {
+    if (const auto found = columns_of(names, triple.names)) {
+      layout.column = *found;
+      if (triple.columns != CloudColumns::cartesian) layout.name = triple.names;
+      columns = triple.columns;
+      return true;
+    }
   }
   return false;
 }
 
 }  // namespace
 
-Opened open_text(const InputFile& file, bool& native) {
-  native = false;
+Opened open_text(const InputFile& file, CloudColumns& columns) {
+  columns = CloudColumns::cartesian;
   TextLayout layout;
   layout.comments = true;
   char mark[3] = {};
@@ -91,7 +94,7 @@ Opened open_text(const InputFile& file, bool& native) {
     }
     if (rest.front() == '#') {
       // A commented header, as many programs write it, is a header all the same.
-      header_seen = take_header(rest.substr(1), layout, native) || header_seen;
+      header_seen = take_header(rest.substr(1), layout, columns) || header_seen;
       continue;
     }
     layout.separator = separator_of(line);
@@ -107,7 +110,7 @@ Opened open_text(const InputFile& file, bool& native) {
     const auto names = names_of(line, layout.separator);
     const bool some_number =
         std::any_of(names.begin(), names.end(), [](const auto& n) { return parse_number(n).has_value(); });
-    if (!take_header(line, layout, native) && (names.size() < 3 || some_number)) {
+    if (!take_header(line, layout, columns) && (names.size() < 3 || some_number)) {
       return wrong(in_quotes(line) +
                    " is neither a header of column names nor three numbers; the file is none of PLY, " +
                    "PCD, XYZ and CSV, or damaged");

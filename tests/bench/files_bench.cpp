@@ -120,8 +120,8 @@ RangeFunction wall_of_64_by_32() {
     knots.insert(knots.end(), static_cast<std::size_t>(degree), end);
     return knots;
   };
-  BaseCylinder base;
-  base.z_end_mm = 150;
+  BaseSurface base;
+  base.band_end = 150;
   const auto knots_u = clamped(3, 31, 1);
   const auto knots_v = clamped(3, 64, 4);
   Eigen::MatrixXd coefficients(34, 67);

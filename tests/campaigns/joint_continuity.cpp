@@ -45,8 +45,8 @@ Fit fit(int degree, int intervals_per_arc, JointContinuity continuity) {
 }
 
 celadon::NurbsSurface surface_of(const Fit& fit) {
-  celadon::BaseCylinder base;
-  base.z_end_mm = 50;
+  celadon::BaseSurface base;
+  base.band_end = 50;
   return celadon::symbolic_product(
       {base, 0, fit.space.degree(), {0, 1}, fit.space.knots(), (fit.space.extraction() * fit.free).transpose()});
 }

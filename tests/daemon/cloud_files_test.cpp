@@ -160,7 +160,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 TEST_F(Clouds, NativeSamplesKeepTheirAngles) {
   const auto cloud = open("r,theta,z\n40,0.25,-3\n41.5,-7.5,100\n1,12.0,0\n");
-  EXPECT_TRUE(cloud->native());
+  EXPECT_EQ(cloud->columns(), CloudColumns::cylindrical);
   const Profile* profile = cloud->next();
   ASSERT_NE(profile, nullptr);
   EXPECT_EQ(profile->r_mm, (std::vector<double>{40, 41.5, 1}));
@@ -168,11 +168,25 @@ TEST_F(Clouds, NativeSamplesKeepTheirAngles) {
   EXPECT_EQ(profile->z_mm, (std::vector<double>{-3, 100, 0}));
 }
 
+TEST_F(Clouds, SphericalSamplesAreAboutTheOrigin) {
+  CloudOptions options;
+  options.millimetres_per_unit = 10;
+  const auto cloud = open("theta,rho,phi\n0.5,2,0.25\n-1,3,3\n", options);
+  EXPECT_EQ(cloud->columns(), CloudColumns::spherical);
+  const Profile* profile = cloud->next();
+  ASSERT_NE(profile, nullptr);
+  EXPECT_EQ(profile->theta_rad, (std::vector<double>{0.5, -1}));
+  EXPECT_NEAR(profile->r_mm[0], 20 * std::sin(0.25), 1e-14);
+  EXPECT_NEAR(profile->z_mm[0], 20 * std::cos(0.25), 1e-14);
+  EXPECT_NEAR(profile->r_mm[1], 30 * std::sin(3), 1e-14);
+  EXPECT_NEAR(profile->z_mm[1], 30 * std::cos(3), 1e-14);
+}
+
 TEST_F(Clouds, NativeLengthsHaveAUnitAnglesHaveNot) {
   CloudOptions options;
   options.millimetres_per_unit = 10;
   const auto cloud = open("# theta;z;r\n0.5;2;3\n", options);
-  EXPECT_TRUE(cloud->native());
+  EXPECT_EQ(cloud->columns(), CloudColumns::cylindrical);
   const Profile* profile = cloud->next();
   ASSERT_NE(profile, nullptr);
   EXPECT_EQ(profile->r_mm[0], 30);

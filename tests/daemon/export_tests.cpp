@@ -15,6 +15,7 @@
 
 #include "daemon/export/cad_client.h"
 #include "daemon/export/cad_protocol.h"
+#include "fitting/range_function.h"
 #include "tests/daemon/closed_wall.h"
 #include "tests/daemon/step_reader.h"
 #include "tests/temporary_folder.h"
@@ -339,14 +340,59 @@ TEST_F(Export, RefusesWallsThatMakeNoSolid) {
   wall.knots_u[3] = 0.1;
   EXPECT_THAT(refusal(wall), HasSubstr("multiplicity"));
 
-  // Upside down in u: S_u x S_v then points outward.
   wall = good;
-  for (Eigen::Index i = 0; i < wall.control_points.cols(); ++i) {
-    wall.control_points(2, i) = -wall.control_points(2, i);
-  }
-  EXPECT_THAT(refusal(wall), HasSubstr("inside out"));
+  wall.control_points.row(2).setZero();
+  EXPECT_THAT(refusal(wall), HasSubstr("encloses no volume"));
+}
 
-  EXPECT_THAT(refusal(testing::revolution(3, {0, 0, 20, 20}, 50).surface()), HasSubstr("encloses no area"));
+// Upside down in u, S_u x S_v points outward: the same body.
+TEST_F(Export, TakesWallsOfEitherOrientation) {
+  NurbsSurface wall = testing::lobed(3, 6, 3, 60).surface();
+  const CadResult upright = write(wall).result;
+  wall.control_points.row(2) *= -1;
+  const CadResult reversed = write(wall).result;
+  EXPECT_NEAR(upright.volume_mm3, reversed.volume_mm3, 1e-9 * upright.volume_mm3);
+  EXPECT_EQ(reversed.faces, 3);
+}
+
+// An end that runs together in a point is a pole: no disc.
+TEST_F(Export, AnEndInAPointIsAPole) {
+  const CadResult cone = write(testing::revolution(1, {0, 20}, 50).surface()).result;
+  EXPECT_NEAR(cone.volume_mm3, std::numbers::pi * 400 * 50 / 3, 1e-6);
+  EXPECT_EQ(cone.faces, 2);
+}
+
+// All of a body over a sphere is one face; over an open hole it has a fan that is named as assumed.
+TEST_F(Export, BodiesOverASphere) {
+  BaseSurface base;
+  base.kind = BaseKind::sphere;
+  base.band_end = 2;
+  const RangeFunction whole(base, 0, 0, {0, 2}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
+  const Written sphere = write(symbolic_product(whole));
+  EXPECT_NEAR(sphere.result.volume_mm3, 4.0 / 3 * std::numbers::pi * 25 * 25 * 25, 1e-4);
+  EXPECT_EQ(sphere.result.faces, 1);
+  EXPECT_TRUE(sphere.result.valid);
+  const StepSurface surface = wall_of(sphere.step);
+  EXPECT_EQ(surface.degree_u, 2);
+  EXPECT_EQ(surface.degree_v, 2);
+  for (double u = 0; u <= 2; u += 0.1)
+    for (double v = 0; v <= 4; v += 0.1) EXPECT_NEAR(surface.evaluate(u, v).norm(), 25, 1e-9);
+
+  const CadResult plane = write(symbolic_product(whole.clipped(0.5, 2))).result;
+  EXPECT_EQ(plane.faces, 2);
+  const double height = 25 * (1 - std::cos(BaseSurface::meridian().theta_of_v(0.5)));  // of the cap that is missing
+  EXPECT_NEAR(plane.volume_mm3, sphere.result.volume_mm3 - std::numbers::pi * height * height * (75 - height) / 3,
+              1e-4);
+
+  // Three lobes: the rim is not plane.
+  Eigen::MatrixXd f = Eigen::MatrixXd::Constant(5, 9, 25);
+  for (int j = 0; j < 9; ++j) f.col(j).array() += 2 * std::cos(2 * std::numbers::pi * 3 * (j % 8) / 8);
+  for (int i : {0, 1, 2}) f.row(4 - i).setConstant(25);
+  const RangeFunction lobed(base, 2, 2, {0, 0, 0, 0.5, 1, 2, 2, 2}, {0, 0, 0, 0.5, 1, 1.5, 2, 2.5, 3, 4, 4, 4}, f);
+  const Written fan = write(symbolic_product(lobed.clipped(0.3, 2)));
+  EXPECT_EQ(fan.result.faces, 2);
+  EXPECT_TRUE(fan.result.valid);
+  EXPECT_THAT(fan.text, HasSubstr("top (assumed)"));
 }
 
 TEST_F(Export, NamesTheFolderItCannotWriteTo) {

@@ -23,9 +23,9 @@ constexpr double pi = std::numbers::pi;
 
 /// The range function of a wall in closed form: its Bernstein coefficients are B-spline coefficients at full knots.
 RangeFunction range_of(const ClosedWall& wall, const Eigen::Isometry3d& X_WB = Eigen::Isometry3d::Identity()) {
-  BaseCylinder base;
-  base.z_start_mm = wall.z_start_mm;
-  base.z_end_mm = wall.z_end_mm;
+  BaseSurface base;
+  base.band_start = wall.z_start_mm;
+  base.band_end = wall.z_end_mm;
   base.X_WB = X_WB;
   const int q = wall.degree_v;
   std::vector<double> knots_v = {0.0};
@@ -111,6 +111,35 @@ INSTANTIATE_TEST_SUITE_P(
                       MeshCase{"lobes_of_degree_5", testing::lobed(5, 9, 5, 80), 0.2, 8000},
                       MeshCase{"steep_lobes", steep_lobes(), 0.5, 20000}),
     [](const auto& tested) { return std::string(tested.param.name); });
+
+// Over a sphere: an ellipsoid's wall has the distance sqrt(x' M x) - 1 = 0.
+TEST(MeshFiles, BodiesOverASphereAreClosedAndWithinTheirTolerance) {
+  BaseSurface base;
+  base.kind = BaseKind::sphere;
+  base.band_end = 2;
+  Eigen::MatrixXd f = Eigen::MatrixXd::Constant(6, 9, 25);
+  for (int j = 0; j < 9; ++j) f(3, j) += 3 * std::cos(2 * pi * 3 * (j % 8) / 8);
+  const RangeFunction lobed(base, 2, 2, {0, 0, 0, 0.5, 1, 1.5, 2, 2, 2}, {0, 0, 0, 0.5, 1, 1.5, 2, 2.5, 3, 4, 4, 4}, f);
+  for (const RangeFunction& range : {lobed, lobed.clipped(0.4, 2), lobed.clipped(0.4, 1.5)}) {
+    const double chord_mm = 0.02;
+    const TriangleMesh mesh = mesh_of(range, chord_mm);
+    const Triangles triangles = triangles_of(mesh);
+    EXPECT_TRUE(triangles.watertight());
+    EXPECT_EQ(triangles.euler_characteristic(), 2);
+    EXPECT_LE(mesh.triangles.size(), 60000u);
+    double worst = 0;
+    const NurbsSurface surface = symbolic_product(range);
+    const double start = range.base().band_start, end = range.base().band_end;
+    for (int i = 0; i <= 24; ++i)
+      for (int j = 0; j < 97; ++j)
+        worst = std::max(worst,
+                         triangles.distance(surface.evaluate(start + (end - start) * i / 24.0, 4 * (j + 0.37) / 97)));
+    EXPECT_LE(worst, chord_mm);
+    EXPECT_GT(triangles.volume(), 0);
+  }
+  const RangeFunction ball(base, 0, 0, {0, 2}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
+  EXPECT_NEAR(triangles_of(mesh_of(ball, 0.005)).volume() / (4.0 / 3 * pi * 25 * 25 * 25), 1, 1e-3);
+}
 
 TEST(MeshFiles, FollowThePlacementOfTheBase) {
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();

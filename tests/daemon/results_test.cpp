@@ -29,9 +29,9 @@ using testing::TemporaryFolder;
 
 /// r = a + b cos(theta) built from coefficients at hand: degree (1, 1), enough for files.
 RangeFit sample_fit(double a = 30, double b = 1.0 / 3) {
-  BaseCylinder base;
-  base.z_start_mm = 5;
-  base.z_end_mm = 65;
+  BaseSurface base;
+  base.band_start = 5;
+  base.band_end = 65;
   Eigen::MatrixXd c(2, 5);
   c << a, a + b, a - b, a, a, a + 1, a + b, a, a + b, a + 1;
   RangeFit fit;
@@ -76,8 +76,29 @@ TEST(SurfaceJson, EveryNumberComesBack) {
   EXPECT_EQ(back->surface.control_points, file.surface.control_points);
   EXPECT_EQ(back->surface.knots_u, file.surface.knots_u);
   EXPECT_EQ(back->surface.degree_v, file.surface.degree_v);
-  EXPECT_EQ(back->function.base().z_end_mm, 65);
+  EXPECT_EQ(back->function.base().band_end, 65);
   EXPECT_EQ(format_surface_json(*back), text);
+}
+
+TEST(SurfaceJson, SpheresComeBackToo) {
+  BaseSurface base;
+  base.kind = BaseKind::sphere;
+  base.band_start = 0;
+  base.band_end = 2;
+  base.X_WB.translation() << 1, 2, 3;
+  const RangeFunction whole(base, 0, 0, {0, 2}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
+  for (const RangeFunction& f : {whole, whole.clipped(0.25, 1.75)}) {
+    const std::string text = format_surface_json({f, symbolic_product(f), "ball", "", false});
+    const auto back = parse_surface_json(text, "surface.json");
+    ASSERT_TRUE(back) << back.error();
+    EXPECT_TRUE(back->function.base().spherical());
+    EXPECT_EQ(back->function.base().band_start, f.base().band_start);
+    EXPECT_EQ(back->function.base().band_end, f.base().band_end);
+    EXPECT_EQ(format_surface_json(*back), text);
+    json damaged = json::parse(text);
+    damaged["base"]["w_end"] = 2.5;
+    EXPECT_NE(parse_surface_json(damaged.dump(), "s").error().find("base.w_end"), std::string::npos);
+  }
 }
 
 TEST(SurfaceJson, HoldsWhatTheGrammarNames) {
@@ -111,7 +132,7 @@ TEST(SurfaceJson, NamesWhatIsWrong) {
       {"/surface/control_points/0", json::array(), "surface.control_points[0]"},
       {"/range_function/coefficients/1/2", "x", "range_function.coefficients[1][2]"},
       {"/range_function/knots_v/3", -1, "range_function.knots_v"},
-      {"/base/kind", "sphere", "base.kind"},
+      {"/base/kind", "torus", "base.kind"},
       {"/base/z_end_mm", -5, "base.z_end_mm"},
       {"/base/frame/z", json::array({0, 0, -1}), "base.frame"},
       {"/base/arcs", 7, "base.arcs"},
@@ -168,12 +189,12 @@ TEST(Report, HasExactlyTheDocumentedFields) {
   const json j = json::parse(format_report(sample_fit(), notes));
   std::set<std::string> names;
   for (const auto& [key, value] : j.items()) names.insert(key);
-  EXPECT_EQ(names, (std::set<std::string>{"format",      "version",      "units",          "name",       "date",
-                                          "machine",     "simulated",    "points",         "rejected",   "unfollowable",
-                                          "model",       "degree",       "control_points", "noise_mm",   "kappa",
-                                          "residual_mm", "geometric_mm", "coverage",       "decided_by", "stopped_by",
-                                          "frame",       "band_mm",      "cut_mm",         "size_mm",    "warnings",
-                                          "seconds",     "truth_mm",     "scan",           "closure_mm", "solid"}));
+  EXPECT_EQ(names, (std::set<std::string>{
+                       "format", "version",     "units",        "name",     "date",       "machine",        "simulated",
+                       "points", "rejected",    "unfollowable", "model",    "degree",     "control_points", "noise_mm",
+                       "kappa",  "residual_mm", "geometric_mm", "coverage", "decided_by", "stopped_by",     "base",
+                       "frame",  "band_mm",     "cut_mm",       "size_mm",  "warnings",   "seconds",        "truth_mm",
+                       "scan",   "closure_mm",  "solid"}));
   // RESULTS.md names every one of them.
   const std::string document = read_file(std::filesystem::path(CELADON_SOURCE_DIR) / "daemon/RESULTS.md");
   for (const std::string& name : names) EXPECT_NE(document.find("`" + name + "`"), std::string::npos) << name;

@@ -147,9 +147,9 @@ TEST(SimTruth, ComparesTheFitWithTheClosedForm) {
   EXPECT_GT(points->size(), 3000u);
   EXPECT_LT(points->size(), 4096u);
   // A fitted cone that is 0.05 mm too wide, from z = 20 to 80.
-  BaseCylinder base;
-  base.z_start_mm = 20;
-  base.z_end_mm = 80;
+  BaseSurface base;
+  base.band_start = 20;
+  base.band_end = 80;
   Eigen::MatrixXd c(2, 1);
   c << 32.05, 38.05;
   const RangeFunction cone(base, 1, 0, {0, 0, 1, 1}, {0, 4}, c);
@@ -158,7 +158,7 @@ TEST(SimTruth, ComparesTheFitWithTheClosedForm) {
   EXPECT_NEAR(error->bias, 0.05, 1e-6);
   EXPECT_NEAR(error->rms, 0.05, 1e-6);
   EXPECT_NEAR(error->max, 0.05, 1e-6);
-  const RangeFunction far(BaseCylinder{BaseArcs::full_circle(), 200, 300, Eigen::Isometry3d::Identity()}, 1, 0,
+  const RangeFunction far(BaseSurface{BaseKind::cylinder, BaseArcs::full_circle(), 200, 300, Eigen::Isometry3d::Identity()}, 1, 0,
                           {0, 0, 1, 1}, {0, 4}, c);
   EXPECT_FALSE(truth_error(far, *points));
 }

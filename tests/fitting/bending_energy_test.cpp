@@ -66,8 +66,8 @@ TEST(BendingEnergy, IsTheIntegralOfSecondDerivativesInMillimetres) {
         Eigen::MatrixXd::NullaryExpr(space.u.free_count(), space.v.free_count(), [&] { return 30 + share(random); });
     std::vector<double> knots_u = space.u.knots();
     for (double& k : knots_u) k /= 40;
-    BaseCylinder base;
-    base.z_end_mm = 40;
+    BaseSurface base;
+    base.band_end = 40;
     const Eigen::MatrixXd along = space.u.extraction() * free;
     const RangeFunction f(base, 3, q, knots_u, space.v.knots(), along * space.v.extraction().transpose());
     constexpr int kAround = 1600, kAlong = 400;

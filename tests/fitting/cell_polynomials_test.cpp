@@ -17,9 +17,9 @@ namespace {
 RangeFunction random_function(int p, int q) {
   std::mt19937_64 random(static_cast<unsigned>(10 * p + q));
   std::uniform_real_distribution<double> share(0, 1);
-  BaseCylinder base;
-  base.z_start_mm = -7;
-  base.z_end_mm = 40;
+  BaseSurface base;
+  base.band_start = -7;
+  base.band_end = 40;
   const auto u = p ? RangeSpace::open(p, {0, 0.03, 0.2, 0.5, 0.9, 1}) : RangeSpace::constant({0, 1});
   const auto v =
       q ? RangeSpace::over(q, base.arcs, 2, JointContinuity::curvature) : RangeSpace::constant({0, 1, 2, 3, 4});

@@ -116,7 +116,7 @@ struct Miss {
 inline Miss miss(const RangeFunction& f, const Shape& truth, const std::function<bool(double, double)>& where = {}) {
   Miss m;
   double square = 0, count = 0;
-  const double lo = f.base().z_start_mm, hi = f.base().z_end_mm;
+  const double lo = f.base().band_start, hi = f.base().band_end;
   for (int i = 0; i < 211; ++i)
     for (int j = 0; j <= 120; ++j) {
       const double t = 2 * kPi * (i + 0.37) / 211, z = lo + (hi - lo) * j / 120;

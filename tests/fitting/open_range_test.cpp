@@ -45,7 +45,7 @@ double largest_miss(const RangeFunction& f, const test::Shape& truth) {
   for (int i = 0; i <= 200; ++i)
     for (int j = 0; j <= 60; ++j) {
       const double t = arcs.start_rad() + arcs.count() * arcs.arc_rad() * i / 200;
-      const double z = f.base().z_start_mm + (f.base().z_end_mm - f.base().z_start_mm) * j / 60;
+      const double z = f.base().band_start + (f.base().band_end - f.base().band_start) * j / 60;
       largest = std::max(largest, std::abs(f(t, z) - truth(t, z)));
     }
   return largest;

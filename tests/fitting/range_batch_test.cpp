@@ -39,11 +39,11 @@ Derivatives evaluate(const RangeBatch& batch, const std::vector<double>& v, cons
 // Runs along a line and points anywhere, some beyond the rims.
 struct Points {
   std::vector<double> theta, v, z;
-  Points(std::mt19937_64& random, const BaseCylinder& base, int n) {
+  Points(std::mt19937_64& random, const BaseSurface& base, int n) {
     for (int k = 0; k < n; ++k) {
       const bool run = k % 90 < 60;
       theta.push_back(run ? 1 + 0.3 * (k / 90) : test::uniform(random, 0, 2 * std::numbers::pi));
-      z.push_back(run ? base.z_start_mm + (k % 90) : test::uniform(random, base.z_start_mm - 5, base.z_end_mm + 5));
+      z.push_back(run ? base.band_start + (k % 90) : test::uniform(random, base.band_start - 5, base.band_end + 5));
       v.push_back(base.arcs.v_of_theta(theta.back()));
     }
   }
@@ -135,7 +135,7 @@ TEST(RangeBatch, WhatIsNoNumberStaysByItself) {
 
 TEST(RangeBatch, SurfacePointsAreThoseOfTheRangeFunction) {
   std::mt19937_64 random(4);
-  BaseCylinder base = test::band(-7, 53);
+  BaseSurface base = test::band(-7, 53);
   base.X_WB = test::random_placement(random);
   const RangeFunction f =
       test::random_function(random, RangeSpace::open(3, {0, 0.3, 1}), RangeSpace::over(3, base.arcs, 2), base);

@@ -314,7 +314,7 @@ TEST(RangeFit, RimsAreCutWhereTheyAreNotCoveredAllAround) {
   EXPECT_DOUBLE_EQ(f->report.z_start_mm, 0);
   EXPECT_NEAR(f->report.z_end_mm, 90, 0.6);  // the lowest point of the rim, seen in sectors of 22.5 degrees
   EXPECT_NEAR(f->report.cut_above_mm, 20, 1);
-  EXPECT_DOUBLE_EQ(f->function.base().z_end_mm, f->report.z_end_mm);
+  EXPECT_DOUBLE_EQ(f->function.base().band_end, f->report.z_end_mm);
   EXPECT_THAT(f->report.warnings, testing::Contains(HasSubstr("upper rim")));
 }
 

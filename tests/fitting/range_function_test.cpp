@@ -15,10 +15,10 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-BaseCylinder band(double lo, double hi) {
-  BaseCylinder base;
-  base.z_start_mm = lo;
-  base.z_end_mm = hi;
+BaseSurface band(double lo, double hi) {
+  BaseSurface base;
+  base.band_start = lo;
+  base.band_end = hi;
   return base;
 }
 
@@ -37,7 +37,7 @@ RangeFunction revolution(const std::vector<double>& c) {
 // Tensor sum over all B-splines, by the basis functions.
 double direct(const RangeFunction& f, double theta, double z) {
   const double v = f.base().arcs.v_of_theta(theta);
-  const double u = std::clamp((z - f.base().z_start_mm) / (f.base().z_end_mm - f.base().z_start_mm), 0.0, 1.0);
+  const double u = std::clamp((z - f.base().band_start) / (f.base().band_end - f.base().band_start), 0.0, 1.0);
   const int su = find_span(f.knots_u(), f.degree_u(), u), sv = find_span(f.knots_v(), f.degree_v(), v);
   const auto Nu = basis_values(f.knots_u(), f.degree_u(), su, u), Nv = basis_values(f.knots_v(), f.degree_v(), sv, v);
   double sum = 0;
@@ -101,7 +101,7 @@ TEST(RangeFunction, DerivativesAgainstFiniteDifferences) {
 
 // F(v) = a + b v + c v^2 on one open arc: r(theta) through the printed (2.7), in extended precision.
 TEST(RangeFunction, AngularDerivativesThroughTheSynchronisation) {
-  BaseCylinder base = band(0, 1);
+  BaseSurface base = band(0, 1);
   base.arcs = BaseArcs::open(0.3, 1.2);
   const double a = 20, b = 3, c = -2;
   const RangeFunction f(base, 0, 2, {0, 1}, {0, 0, 0, 1, 1, 1}, Eigen::RowVector3d(a, a + b / 2, a + b + c));
@@ -121,7 +121,7 @@ TEST(RangeFunction, AngularDerivativesThroughTheSynchronisation) {
 }
 
 TEST(RangeFunction, CylinderHasItsCurvatureNormalAndDistance) {
-  BaseCylinder base = band(-5, 40);
+  BaseSurface base = band(-5, 40);
   base.X_WB.linear() = Eigen::AngleAxisd(0.4, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
   base.X_WB.translation() << 3, -8, 100;
   const RangeFunction f(base, 0, 0, {0, 1}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
@@ -207,8 +207,8 @@ RC_GTEST_PROP(RangeFunction, ClippingKeepsTheFunction, (unsigned seed)) {
   if (p > 0 && random() % 4 == 0) lo = 10 + 80 * f.knots_u()[static_cast<std::size_t>(p)];  // exactly at a knot
   if (hi - lo < 0.1) return;
   const RangeFunction g = f.clipped(lo, hi);
-  RC_ASSERT(g.base().z_start_mm == lo);
-  RC_ASSERT(g.base().z_end_mm == hi);
+  RC_ASSERT(g.base().band_start == lo);
+  RC_ASSERT(g.base().band_end == hi);
   RC_ASSERT(g.degree_u() == p);
   RC_ASSERT(g.knots_u().front() == 0);
   RC_ASSERT(g.knots_u().back() == 1);

@@ -19,7 +19,7 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 
 TEST(Section, OfACylinderIsItsCircle) {
-  BaseCylinder base = test::band(-10, 30);
+  BaseSurface base = test::band(-10, 30);
   base.X_WB.translation() << 3, -4, 100;
   const RangeFunction f(base, 0, 0, {0, 1}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
   for (const double z : {-10.0, 7.5, 30.0}) {
@@ -73,7 +73,7 @@ TEST(Section, OfAnOffCentreCylinderConvergesToItsCircle) {
 
 RC_GTEST_PROP(Section, IsTheSurfacesOwnCurve, (unsigned seed)) {
   std::mt19937_64 random(seed);
-  BaseCylinder base = test::band(-20, 60);
+  BaseSurface base = test::band(-20, 60);
   base.X_WB = test::random_placement(random);
   const RangeFunction f = test::random_body(random, base);
   const NurbsSurface surface = symbolic_product(f);
@@ -91,7 +91,7 @@ RC_GTEST_PROP(Section, IsTheSurfacesOwnCurve, (unsigned seed)) {
 // The circle through dense points: chords fall short as the square of their length, which one extrapolation takes off.
 RC_GTEST_PROP(Section, AgreesWithPolygonsAndDenseSamples, (unsigned seed)) {
   std::mt19937_64 random(seed);
-  BaseCylinder base = test::band(-20, 60);
+  BaseSurface base = test::band(-20, 60);
   base.X_WB = test::random_placement(random);
   const RangeFunction f = test::random_body(random, base);
   const double z = test::uniform(random, -20, 60);
@@ -163,7 +163,7 @@ TEST(Section, OutsideTheBandAndOpenArcsAreRefused) {
   EXPECT_THROW(section(f, -0.1), std::invalid_argument);
   EXPECT_THROW(section(f, 50.1), std::invalid_argument);
   EXPECT_THROW(section(f, std::nan("")), std::invalid_argument);
-  BaseCylinder base = test::band(0, 1);
+  BaseSurface base = test::band(0, 1);
   base.arcs = BaseArcs::open(0, 1);
   EXPECT_THROW(section({base, 0, 0, {0, 1}, {0, 1}, Eigen::MatrixXd::Ones(1, 1)}, 0.5), std::invalid_argument);
 }

@@ -24,12 +24,12 @@ struct Cloud {
   }
   Eigen::Vector3d at(std::size_t k) const { return {x[k], y[k], z[k]}; }
 };
-Cloud around(std::mt19937_64& random, const BaseCylinder& base, int n) {
+Cloud around(std::mt19937_64& random, const BaseSurface& base, int n) {
   Cloud cloud;
   for (int k = 0; k < n; ++k) {
     const double t = test::uniform(random, -4, 4), r = test::uniform(random, 0.1, 60);
     cloud.push(base.X_WB * Eigen::Vector3d(r * std::cos(t), r * std::sin(t),
-                                           test::uniform(random, base.z_start_mm - 5, base.z_end_mm + 5)));
+                                           test::uniform(random, base.band_start - 5, base.band_end + 5)));
   }
   return cloud;
 }
@@ -52,7 +52,7 @@ void expect_same(const std::vector<double>& a, const std::vector<double>& b) {
 // r = 30 - z/2 in a moved frame: the distance from a cone's line.
 TEST(SignedDistance, OfAConeIsItsDistance) {
   std::mt19937_64 random(1);
-  BaseCylinder base = test::band(0, 40);
+  BaseSurface base = test::band(0, 40);
   base.X_WB = test::random_placement(random);
   const RangeFunction cone(base, 1, 0, {0, 0, 1, 1}, {0, 4}, Eigen::Vector2d(30, 10));
   const Cloud cloud = around(random, base, 700);
@@ -77,7 +77,7 @@ TEST(SignedDistance, OfAConeIsItsDistance) {
 
 RC_GTEST_PROP(SignedDistance, IsTheMembershipOfEachPoint, (unsigned seed)) {
   std::mt19937_64 random(seed);
-  BaseCylinder base = test::band(-20, 60);
+  BaseSurface base = test::band(-20, 60);
   if (random() % 2) base.X_WB = test::random_placement(random);
   const RangeFunction f = test::random_body(random, base);
   const Cloud cloud = around(random, base, 70);
@@ -94,9 +94,9 @@ RC_GTEST_PROP(SignedDistance, IsTheMembershipOfEachPoint, (unsigned seed)) {
 
 TEST(SignedDistance, HasTheSameBitsInAnyBatchAndAtEverySimdLevel) {
   std::mt19937_64 random(2);
-  BaseCylinder moved = test::band(-20, 60);
+  BaseSurface moved = test::band(-20, 60);
   moved.X_WB = test::random_placement(random);
-  for (const BaseCylinder& base : {test::band(-20, 60), moved}) {
+  for (const BaseSurface& base : {test::band(-20, 60), moved}) {
     const RangeFunction f =
         test::random_function(random, test::random_space_u(random, 3), test::random_space_v(random, 3), base);
     const SignedDistance distance(f);
@@ -118,7 +118,7 @@ TEST(SignedDistance, HasTheSameBitsInAnyBatchAndAtEverySimdLevel) {
 }
 
 TEST(SignedDistance, OpenArcsAreRefused) {
-  BaseCylinder base = test::band(0, 1);
+  BaseSurface base = test::band(0, 1);
   base.arcs = BaseArcs::open(0, 1);
   EXPECT_THROW(SignedDistance({base, 0, 0, {0, 1}, {0, 1}, Eigen::MatrixXd::Ones(1, 1)}), std::invalid_argument);
 }

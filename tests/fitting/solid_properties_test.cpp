@@ -237,7 +237,7 @@ RC_GTEST_PROP(SolidProperties, MovesAndScalesWithTheBody, (unsigned seed)) {
 // A body cut at a height: volumes add up, moments too by the parallel axes; the cuts' discs are one and the same.
 RC_GTEST_PROP(SolidProperties, PartsAddUpToTheWhole, (unsigned seed)) {
   std::mt19937_64 random(seed);
-  BaseCylinder base = test::band(-20, 60);
+  BaseSurface base = test::band(-20, 60);
   base.X_WB = test::random_placement(random);
   const RangeFunction f = test::random_body(random, base);
   const double cut = test::uniform(random, -15, 55);

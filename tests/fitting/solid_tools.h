@@ -13,10 +13,10 @@
 
 namespace celadon::test {
 
-inline BaseCylinder band(double lo, double hi) {
-  BaseCylinder base;
-  base.z_start_mm = lo;
-  base.z_end_mm = hi;
+inline BaseSurface band(double lo, double hi) {
+  BaseSurface base;
+  base.band_start = lo;
+  base.band_end = hi;
   return base;
 }
 
@@ -80,7 +80,7 @@ inline RangeFunction polynomial_revolution(const std::vector<double>& c, double 
 }
 
 /// A closed freeform body of random degrees.
-inline RangeFunction random_body(std::mt19937_64& random, const BaseCylinder& base, double spread = 4) {
+inline RangeFunction random_body(std::mt19937_64& random, const BaseSurface& base, double spread = 4) {
   const int p = std::uniform_int_distribution<int>(0, 5)(random), q = std::uniform_int_distribution<int>(0, 5)(random);
   return random_function(random, random_space_u(random, p), random_space_v(random, q), base, spread);
 }

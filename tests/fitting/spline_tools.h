@@ -115,7 +115,7 @@ inline RangeSpace random_space_v(std::mt19937_64& random, int degree) {
 
 /// A range function of random coefficients around 30 mm in the given spaces. @pre space_u over [0, 1]
 inline RangeFunction random_function(std::mt19937_64& random, const RangeSpace& space_u, const RangeSpace& space_v,
-                                     const BaseCylinder& base, double spread = 4) {
+                                     const BaseSurface& base, double spread = 4) {
   const Eigen::MatrixXd free = Eigen::MatrixXd::NullaryExpr(space_u.free_count(), space_v.free_count(),
                                                             [&] { return uniform(random, 30 - spread, 30 + spread); });
   const Eigen::MatrixXd in_v = space_v.extraction() * free.transpose();

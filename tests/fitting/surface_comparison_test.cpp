@@ -73,13 +73,13 @@ TEST(SurfaceComparison, BoundsHoldAtAnyWidth) {
 
 RC_GTEST_PROP(SurfaceComparison, AgreesWithDenseSamples, (unsigned seed)) {
   std::mt19937_64 random(seed);
-  BaseCylinder lower = test::band(-20, 60), upper = test::band(test::uniform(random, -40, 20), 75);
+  BaseSurface lower = test::band(-20, 60), upper = test::band(test::uniform(random, -40, 20), 75);
   lower.X_WB = upper.X_WB = test::random_placement(random);
   const RangeFunction a = test::random_body(random, lower), b = test::random_body(random, upper);
   const auto c = compare(a, b);
   RC_ASSERT(c.has_value());
   const double lo = c->z_start_mm, hi = c->z_end_mm;
-  RC_ASSERT(lo == std::max(-20.0, upper.z_start_mm));
+  RC_ASSERT(lo == std::max(-20.0, upper.band_start));
   RC_ASSERT(hi == 60);
   const int n = 240, m = 120;
   double sum = 0, square = 0, largest = -1e9, smallest = 1e9;
@@ -157,10 +157,10 @@ TEST(SurfaceComparison, SignedDifferencesOverAGrid) {
 
 TEST(SurfaceComparison, DifferentFramesAndBands) {
   const RangeFunction a = test::polynomial_revolution({20, 3}, 50);
-  BaseCylinder moved = a.base();
+  BaseSurface moved = a.base();
   moved.X_WB.translation().x() = 1e-9;
   EXPECT_THROW(compare(a, {moved, 0, 0, {0, 1}, {0, 4}, Eigen::MatrixXd::Ones(1, 1)}), std::invalid_argument);
-  BaseCylinder open = a.base();
+  BaseSurface open = a.base();
   open.arcs = BaseArcs::open(0, 1);
   EXPECT_THROW(compare(a, {open, 0, 0, {0, 1}, {0, 1}, Eigen::MatrixXd::Ones(1, 1)}), std::invalid_argument);
   EXPECT_THROW(compare(a, a, 0), std::invalid_argument);

@@ -17,17 +17,17 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-BaseCylinder band(double lo, double hi) {
-  BaseCylinder base;
-  base.z_start_mm = lo;
-  base.z_end_mm = hi;
+BaseSurface band(double lo, double hi) {
+  BaseSurface base;
+  base.band_start = lo;
+  base.band_end = hi;
   return base;
 }
 
 // What S must be, without NURBS: F along the direction of theta(v), z untouched.
 Eigen::Vector3d truth(const RangeFunction& f, double u, double v) {
   const double theta = f.base().arcs.theta_of_v(v);
-  const double z = (1 - u) * f.base().z_start_mm + u * f.base().z_end_mm;
+  const double z = (1 - u) * f.base().band_start + u * f.base().band_end;
   const double r = f(theta, z);
   return f.base().X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta), z);
 }
@@ -35,7 +35,7 @@ Eigen::Vector3d truth(const RangeFunction& f, double u, double v) {
 RC_GTEST_PROP(SymbolicProduct, IsTheRangeFunctionTimesTheCircle_B_3, (unsigned seed)) {
   std::mt19937_64 random(seed);
   const int p = std::uniform_int_distribution<int>(0, 5)(random), q = std::uniform_int_distribution<int>(0, 5)(random);
-  BaseCylinder base = band(-20, 70);
+  BaseSurface base = band(-20, 70);
   if (random() % 2) base.X_WB = test::random_placement(random);
   const RangeFunction f =
       test::random_function(random, test::random_space_u(random, p), test::random_space_v(random, q), base, 15);
@@ -59,7 +59,7 @@ RC_GTEST_PROP(SymbolicProduct, IsTheRangeFunctionTimesTheCircle_B_3, (unsigned s
 RC_GTEST_PROP(SymbolicProduct, OpenRangesToo, (unsigned seed)) {
   std::mt19937_64 random(seed);
   const int q = std::uniform_int_distribution<int>(1, 5)(random);
-  BaseCylinder base = band(0, 50);
+  BaseSurface base = band(0, 50);
   base.arcs = BaseArcs::open(test::uniform(random, -3, 3), test::uniform(random, 0.2, 6.2));
   std::vector<double> breaks;
   for (double t = 0; t < base.arcs.count() - 0.2; t += test::uniform(random, 0.2, 0.6)) breaks.push_back(t);

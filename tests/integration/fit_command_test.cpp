@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -72,6 +73,45 @@ TEST(FitCommand, CylinderComesBackExactFromTheStepFile) {
   EXPECT_LT(worst, 1e-9);
 }
 
+// A ball whose centre is off the origin, on the axis: one exact face of degree (2, 2).
+TEST(FitCommand, SphereComesBackExactFromTheStepFile) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> turn(0, 2 * std::numbers::pi), height(-1, 1);
+  std::string text;
+  for (int k = 0; k < 20000; ++k) {
+    const double t = turn(random), c = height(random), s = std::sqrt(1 - c * c);
+    char line[128];
+    std::snprintf(line, sizeof line, "%.17g %.17g %.17g\n", 25 * s * std::cos(t), 25 * s * std::sin(t), 40 + 25 * c);
+    text += line;
+  }
+  const TemporaryFolder folder;
+  const auto input = folder.write("ball.xyz", text);
+  const auto outcome = run({"celadon", "fit", input, "--shape", "sphere", "-o", folder / "b.step", folder / "b.json",
+                            "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json report = json::parse(read_file(folder / "r.json"));
+  EXPECT_EQ(report["base"], "sphere");
+  EXPECT_EQ(report["model"], "sphere");
+  EXPECT_EQ(report["degree"], json({2, 2}));
+  EXPECT_EQ(report["solid"]["faces"], 1);
+  EXPECT_NEAR(report["band_rad"][1], std::numbers::pi, 1e-15);
+  EXPECT_NEAR(report["frame"]["origin"][2], 40, 1e-9);
+  const StepSurface wall = wall_of(folder / "b.step");
+  double worst = 0;
+  for (int i = 0; i <= 40; ++i)
+    for (int j = 0; j <= 97; ++j)
+      worst =
+          std::max(worst, std::abs((at_fraction(wall, i / 40.0, j / 97.0) - Eigen::Vector3d(0, 0, 40)).norm() - 25));
+  EXPECT_LT(worst, 1e-9);
+
+  const auto points = run({"celadon", "evaluate", folder / "b.json", "--polar", "0,90", "--angles", "30"});
+  ASSERT_EQ(points.exit_code, 0) << points.err;
+  EXPECT_TRUE(points.out.starts_with("angle_deg,polar_deg,rho_mm,"));
+  EXPECT_EQ(run({"celadon", "evaluate", folder / "b.json", "--heights", "3"}).exit_code, 2);
+  EXPECT_EQ(run({"celadon", "fit", input, "--centre-z", "3"}).exit_code, 2);
+  EXPECT_EQ(run({"celadon", "fit", input, "--shape", "sphere", "--model", "cylinder"}).exit_code, 2);
+}
+
 TEST(FitCommand, RevolutionComesBackExactFromTheStepFile) {
   // A cubic in z lies in every space of degree 3.
   const auto radius = [](double, double z) { return 30 + 0.2 * z - 0.006 * z * z + 4e-5 * z * z * z; };
@@ -115,6 +155,47 @@ TEST(FitCommand, RevolutionComesBackExactFromTheStepFile) {
     EXPECT_NEAR(v[10], std::min(along, around), 1e-8);
   }
   EXPECT_EQ(rows, 16);
+}
+
+// A vase that leans beside the origin: the surface in the file is on the true one, in the file's coordinates.
+TEST(FitCommand, AxisAutoFindsAPartAnywhere) {
+  const auto radius = [](double, double z) { return 30 + 0.2 * z - 0.006 * z * z + 4e-5 * z * z * z; };
+  Eigen::Isometry3d X_FP = Eigen::Isometry3d::Identity();
+  X_FP.linear() = Eigen::AngleAxisd(0.9, Eigen::Vector3d(3, -2, 1).normalized()).toRotationMatrix();
+  X_FP.translation() << 150, -80, 40;
+  std::istringstream upright(cloud_of(radius, 20000));
+  std::string leaning;
+  char line[128];
+  for (Eigen::Vector3d p; upright >> p.x() >> p.y() >> p.z();) {
+    const Eigen::Vector3d q = X_FP * p;
+    std::snprintf(line, sizeof line, "%.17g %.17g %.17g\n", q.x(), q.y(), q.z());
+    leaning += line;
+  }
+  const TemporaryFolder folder;
+  const auto input = folder.write("leaning.xyz", leaning);
+  const auto outcome =
+      run({"celadon", "fit", input, "--axis", "auto", "-o", folder / "c.step", "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("axis        through"), std::string::npos) << outcome.out;
+  const json report = json::parse(read_file(folder / "r.json"));
+  EXPECT_EQ(report["own_axis"]["shape"], "surface of revolution");
+  const auto z = report["frame"]["z"];
+  const Eigen::Vector3d k(z[0].get<double>(), z[1].get<double>(), z[2].get<double>());
+  EXPECT_LT(k.cross(X_FP.linear().col(2)).norm(), 1e-5);
+  const StepSurface wall = wall_of(folder / "c.step");
+  double worst = 0, low = 100, high = -100;
+  for (int i = 0; i <= 40; ++i) {
+    for (int j = 0; j <= 97; ++j) {
+      const Eigen::Vector3d p = X_FP.inverse() * at_fraction(wall, i / 40.0, j / 97.0);
+      worst = std::max(worst, std::abs(std::hypot(p[0], p[1]) - radius(0, p[2])));
+      low = std::min(low, p[2]), high = std::max(high, p[2]);
+    }
+  }
+  EXPECT_LT(worst, 1e-3);
+  EXPECT_LT(low, 1);
+  EXPECT_GT(high, 79);
+  // Without it the file is no body around the origin's axis.
+  EXPECT_NE(run({"celadon", "fit", input, "-o", folder / "d.step"}).exit_code, 0);
 }
 
 TEST(FitCommand, SameInputGivesTheSameBytes) {
@@ -165,6 +246,7 @@ TEST(FitCommand, EveryBadInputGetsOneSentenceAndNoFile) {
       {"picture.xyz", std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16), {}, "picture.xyz"},
       {"unit.xyz", good, {"--unit", "furlong"}, "furlong"},
       {"axis-name.xyz", good, {"--axis", "w"}, "w"},
+      {"line.xyz", on_axis, {"--axis", "auto"}, "line"},
       {"degree.xyz", good, {"--degree", "9", "3"}, "9"},
   };
   for (const Case& c : cases) {
