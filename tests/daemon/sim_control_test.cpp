@@ -158,8 +158,9 @@ TEST(SimTruth, ComparesTheFitWithTheClosedForm) {
   EXPECT_NEAR(error->bias, 0.05, 1e-6);
   EXPECT_NEAR(error->rms, 0.05, 1e-6);
   EXPECT_NEAR(error->max, 0.05, 1e-6);
-  const RangeFunction far(BaseSurface{BaseKind::cylinder, BaseArcs::full_circle(), 200, 300, Eigen::Isometry3d::Identity()}, 1, 0,
-                          {0, 0, 1, 1}, {0, 4}, c);
+  const RangeFunction far(
+      BaseSurface{BaseKind::cylinder, BaseArcs::full_circle(), 200, 300, Eigen::Isometry3d::Identity()}, 1, 0,
+      {0, 0, 1, 1}, {0, 4}, c);
   EXPECT_FALSE(truth_error(far, *points));
 }
 
