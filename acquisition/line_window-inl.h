@@ -87,6 +87,7 @@ HWY_INLINE void cut_window(Scratch& s, int lane, const std::uint8_t* on, const s
   const auto clipped = [&](VPx v) HWY_ATTR { return hn::Min(hn::Max(v, hn::Set(d, -64)), hn::Set(d, 255)); };
   s.saturated[lane] = false;
   if (inside) {
+    const auto level = hn::Set(d, kSaturatedLevel<kSignal>);
     auto highest = hn::Zero(d);
     for (int i = 0; i < kWindowPx; i += lanes) {
       const auto lit = signals_at<kSignal>(on, first + i);
@@ -94,11 +95,13 @@ HWY_INLINE void cut_window(Scratch& s, int lane, const std::uint8_t* on, const s
       auto value = lit;
       if constexpr (kSubtract) value = hn::Sub(lit, signals_at<kSignal>(off, first + i));
       hn::Store(clipped(value), d, cut + i);
+      hn::Store(hn::VecFromMask(d, hn::Lt(lit, level)), d, s.usable[lane] + i);
     }
-    s.saturated[lane] = !hn::AllTrue(d, hn::Lt(highest, hn::Set(d, kSaturatedLevel<kSignal>)));
+    s.saturated[lane] = !hn::AllTrue(d, hn::Lt(highest, level));
+    s.kind[lane] = s.saturated[lane] ? WindowKind::partial : WindowKind::whole;
+    return;
   }
-  s.kind[lane] = inside && !s.saturated[lane] ? WindowKind::whole : WindowKind::partial;
-  if (s.kind[lane] == WindowKind::whole) return;
+  s.kind[lane] = WindowKind::partial;
   for (int i = 0; i < kWindowPx; ++i) {
     const int px = std::clamp(first + i, 0, width - 1), lit = signal_at<kSignal>(on, px);
     const int value = kSubtract ? lit - signal_at<kSignal>(off, px) : lit;
