@@ -71,7 +71,7 @@ void extract_block(const Job& job, int first_row, int row_count) {
   }
   for (int i = 0; i < row_count; ++i) {
     ask_ahead();
-    score_cells(s.cells[i] + kPaddingCells, cell_count, s.scores[i] + kPaddingCells, s.highest[i]);
+    score_cells(s.cells[i] + kPaddingCells, cell_count, s.scores[i] + kPaddingCells, s.best[i]);
   }
   CoarsePeak peaks[kBlockRows];
   coarse_peaks(s, row_count, cell_count, job.options, peaks);
