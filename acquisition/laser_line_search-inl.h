@@ -173,17 +173,25 @@ HWY_INLINE int largest(V8 v) {
   return hn::GetLane(hn::MaxOfLanes(d, hn::Max(hn::And(pair, hn::Set(d, 0xFF)), hn::ShiftRight<8>(pair))));
 }
 
-/// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
-/// does not. Each lane keeps its two largest scores and where the first of them was, so that no second pass is needed.
-/// @pre cells[-kPaddingCells .. cell_count + kPaddingCells) and the same of scores can be written
-HWY_INLINE void score_cells(std::uint8_t* cells, int cell_count, std::uint8_t* scores, ScoreLanes& best) {
+/// Repeats the first and the last cell beyond the ends. Some time before they are scored: a load that takes part of its
+/// bytes from a store on its way to the cache waits for it.
+/// @pre cells[-kPaddingCells .. cell_count + kPaddingCells) can be written
+HWY_INLINE void pad_cells(std::uint8_t* cells, int cell_count) {
   const D8 d;
-  const hn::Repartition<std::uint64_t, D8> d64;
   const int lanes = static_cast<int>(hn::Lanes(d));
   hn::StoreU(hn::Set(d, cells[0]), d, cells - lanes);
   const auto last = hn::Set(d, cells[cell_count - 1]);
   hn::StoreU(last, d, cells + cell_count);
   hn::StoreU(last, d, cells + cell_count + lanes);
+}
+
+/// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
+/// does not. Each lane keeps its two largest scores and where the first of them was, so that no second pass is needed.
+/// @pre padded cells; scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
+HWY_INLINE void score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores, ScoreLanes& best) {
+  const D8 d;
+  const hn::Repartition<std::uint64_t, D8> d64;
+  const int lanes = static_cast<int>(hn::Lanes(d));
   const auto mean_of_8_px = [&](int i) {
     return hn::AverageRound(hn::LoadU(d, cells + i), hn::LoadU(d, cells + i + 1));
   };
