@@ -23,19 +23,36 @@ inline constexpr int kBlockRows = 16;  ///< rows of the image worked on together
 /// border.
 enum class WindowKind : std::uint8_t { none, whole, partial };
 
+/// A window as it was cut.
+struct Window {
+  WindowKind kind = WindowKind::none;
+  bool saturated = false;
+  int center_px = 0;           ///< pixel of the frame at its middle
+  float ambient_variance = 0;  ///< noise of a pixel without laser light
+};
+
+/// The scores of a row by lane of a vector: the two largest, the vector (from 1) in which the largest was first met (0:
+/// every score is 0), and sums of all.
+struct ScoreLanes {
+  alignas(64) std::uint8_t highest[64], second[64], where[64];
+  alignas(64) std::uint64_t sum[8];
+};
+
 /// A block of rows on its way from bytes to positions.
 struct Scratch {
   alignas(64) std::uint8_t cells[kBlockRows][kRowCells];
   alignas(64) std::uint8_t scores[kBlockRows][kRowCells];
-  alignas(64) std::uint8_t highest[kBlockRows][64];        ///< a vector of which the largest lane is the largest score
+  ScoreLanes best[kBlockRows];
   alignas(64) std::int16_t cut[kBlockRows][kWindowPx];     ///< signal about the coarse peak
   alignas(64) std::int16_t usable[kBlockRows][kWindowPx];  ///< 0: saturated or outside the frame; else -1
-  alignas(64) std::int16_t signal[kWindowPx][kBlockRows];  ///< cut, [pixel][row]
-  alignas(64) std::int16_t usable_signal[kWindowPx][kBlockRows];  ///< usable, [pixel][row]; only of partial windows
-  alignas(64) float ambient_variance[kBlockRows];                 ///< noise of a pixel without laser light
-  int center_px[kBlockRows];                                      ///< pixel of the frame at the middle of the window
+  Window window[kBlockRows];
+  /// Row of each lane: rows with whole windows from lane 0 up, those with partial ones up to the last lane, so that
+  /// each kind fills as few vectors as it can.
+  int row[kBlockRows];
   WindowKind kind[kBlockRows];
-  bool saturated[kBlockRows];
+  alignas(64) std::int16_t signal[kWindowPx][kBlockRows];         ///< cut, [pixel][lane]
+  alignas(64) std::int16_t usable_signal[kWindowPx][kBlockRows];  ///< usable, [pixel][lane]; only of partial windows
+  alignas(64) float ambient_variance[kBlockRows];                 ///< noise of a pixel without laser light
   // The model of each row; positions count from the middle of the window.
   alignas(64) float level[kBlockRows], slope[kBlockRows], slope_information[kBlockRows];
   alignas(64) float x_start[kBlockRows], width_start[kBlockRows];

@@ -173,26 +173,48 @@ HWY_INLINE int largest(V8 v) {
   return hn::GetLane(hn::MaxOfLanes(d, hn::Max(hn::And(pair, hn::Set(d, 0xFF)), hn::ShiftRight<8>(pair))));
 }
 
-/// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
-/// does not. Also a vector of which the largest lane is the largest score.
+/// Repeats the first and the last cell beyond the ends. Some time before they are scored: a load that takes part of its
+/// bytes from a store on its way to the cache waits for it.
 /// @pre cells[-kPaddingCells .. cell_count + kPaddingCells) can be written
-HWY_INLINE void score_cells(std::uint8_t* cells, int cell_count, std::uint8_t* scores, std::uint8_t* highest_lanes) {
+HWY_INLINE void pad_cells(std::uint8_t* cells, int cell_count) {
   const D8 d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   hn::StoreU(hn::Set(d, cells[0]), d, cells - lanes);
   const auto last = hn::Set(d, cells[cell_count - 1]);
   hn::StoreU(last, d, cells + cell_count);
   hn::StoreU(last, d, cells + cell_count + lanes);
+}
+
+/// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
+/// does not. Each lane keeps its two largest scores and where the first of them was, so that no second pass is needed.
+/// @pre padded cells; scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
+HWY_INLINE void score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores, ScoreLanes& best) {
+  const D8 d;
+  const hn::Repartition<std::uint64_t, D8> d64;
+  const int lanes = static_cast<int>(hn::Lanes(d));
   const auto mean_of_8_px = [&](int i) {
     return hn::AverageRound(hn::LoadU(d, cells + i), hn::LoadU(d, cells + i + 1));
   };
-  auto highest = hn::Zero(d);
-  for (int i = 0; i < cell_count; i += lanes) {
+  const auto zero = hn::Zero(d), one = hn::Set(d, 1);
+  auto highest = zero, second = zero, where = zero, vector = one;
+  auto sum = hn::Zero(d64);
+  int i = 0;
+  for (; i < cell_count; i += lanes) {
     const auto score = hn::SaturatedSub(mean_of_8_px(i), hn::Max(mean_of_8_px(i - 3), mean_of_8_px(i + 3)));
     hn::Store(score, d, scores + i);
-    highest = hn::Max(highest, score);
+    const auto higher = hn::Max(highest, score);
+    second = hn::Max(second, hn::Min(highest, score));
+    where = hn::IfThenElse(hn::Eq(higher, highest), where, vector);
+    highest = higher;
+    vector = hn::Add(vector, one);
+    sum = hn::Add(sum, hn::SumsOf8(score));
   }
-  hn::Store(highest, d, highest_lanes);
+  hn::Store(zero, d, scores - lanes);
+  hn::Store(zero, d, scores + i);
+  hn::Store(highest, d, best.highest);
+  hn::Store(second, d, best.second);
+  hn::Store(where, d, best.where);
+  hn::Store(sum, d64, best.sum);
 }
 
 /// Vertex of the parabola through a score and its neighbours.
@@ -211,6 +233,8 @@ struct CoarsePeak {
   int center_px = 0;  ///< of status found, even
 };
 
+inline constexpr int kBlankCells = 6;
+
 HWY_INLINE int first_cell_of(const std::uint8_t* scores, int cell_count, int score) {
   const D8 d;
   const auto wanted = hn::Set(d, static_cast<std::uint8_t>(score));
@@ -221,44 +245,68 @@ HWY_INLINE int first_cell_of(const std::uint8_t* scores, int cell_count, int sco
   return 0;
 }
 
+/// First cell of the largest score.
+HWY_INLINE int place_of(const ScoreLanes& best, int highest) {
+  const D8 d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  std::uint8_t bits[8] = {};
+  hn::StoreMaskBits(d, hn::Eq(hn::Load(d, best.highest), hn::Set(d, static_cast<std::uint8_t>(highest))), bits);
+  std::uint64_t rest = 0;
+  for (int i = 0; i < 8; ++i) rest |= std::uint64_t{bits[i]} << (8 * i);
+  int first = kMaximumWidthPx;
+  for (; rest != 0; rest &= rest - 1) {
+    const int lane = static_cast<int>(hwy::Num0BitsBelowLS1Bit_Nonzero64(rest));
+    first = HWY_MIN(first, (best.where[lane] - 1) * lanes + lane);
+  }
+  return first;
+}
+
+/// Largest score further than kBlankCells from `cell`. Of the blanked cells each is alone in its lane: where it is the
+/// lane's largest, the lane's second counts.
+HWY_INLINE int largest_away_from(const ScoreLanes& best, int cell) {
+  const D8 d;
+  static_assert(hn::MaxLanes(D8()) > 2 * kBlankCells);
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const int start = cell - kBlankCells + lanes;  // vectors count from 1
+  const auto set = [&](int v) HWY_ATTR { return hn::Set(d, static_cast<std::uint8_t>(v)); };
+  const auto lane = hn::Iota(d, 0), first_lane = set(start % lanes);
+  const auto before = hn::VecFromMask(d, hn::Lt(lane, first_lane));  // in the next vector: less -1
+  const auto vector = hn::Sub(set(start / lanes), before);
+  const auto distance = hn::And(hn::Sub(lane, first_lane), set(lanes - 1));
+  const auto blanked = hn::And(hn::Lt(distance, set(2 * kBlankCells + 1)), hn::Eq(hn::Load(d, best.where), vector));
+  return largest(hn::IfThenElse(blanked, hn::Load(d, best.second), hn::Load(d, best.highest)));
+}
+
+/// Sum of the scores further than kBlankCells from `cell`.
+HWY_INLINE int sum_away_from(const ScoreLanes& best, const std::uint8_t* scores, int cell) {
+  const hn::Repartition<std::uint64_t, D8> d64;
+  const hn::CappedTag<std::uint8_t, 16> d16;
+  const hn::Repartition<std::uint64_t, decltype(d16)> d16_64;
+  const auto blanked =
+      hn::IfThenElseZero(hn::FirstN(d16, 2 * kBlankCells + 1), hn::LoadU(d16, scores + cell - kBlankCells));
+  return static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, hn::Load(d64, best.sum))) -
+                          hn::GetLane(hn::SumOfLanes(d16_64, hn::SumsOf8(blanked))));
+}
+
 /// The lines of a block of scored rows: status found with a center, or why there is none. One question at a time for
 /// all rows, so that they wait for memory and reductions together.
 HWY_INLINE void coarse_peaks(Scratch& s, int row_count, int cell_count, const LaserLineOptions& options,
                              CoarsePeak* peaks) {
-  constexpr int kBlankCells = 6;
-  const D8 d;
-  const hn::Repartition<std::uint64_t, D8> d64;
-  const int lanes = static_cast<int>(hn::Lanes(d));
   int highest[kBlockRows], cell[kBlockRows], second[kBlockRows], sum[kBlockRows];
-  Vertex vertex[kBlockRows];
   const auto scores_of = [&](int i) { return s.scores[i] + kPaddingCells; };
-  for (int i = 0; i < row_count; ++i) highest[i] = largest(hn::Load(d, s.highest[i]));
+  for (int i = 0; i < row_count; ++i) highest[i] = largest(hn::Load(D8(), s.best[i].highest));
+  for (int i = 0; i < row_count; ++i) cell[i] = place_of(s.best[i], highest[i]);
+  for (int i = 0; i < row_count; ++i) second[i] = largest_away_from(s.best[i], cell[i]);
+  for (int i = 0; i < row_count; ++i) sum[i] = sum_away_from(s.best[i], scores_of(i), cell[i]);
   for (int i = 0; i < row_count; ++i) {
     std::uint8_t* scores = scores_of(i);
-    cell[i] = highest[i] < options.minimum_contrast ? 0 : first_cell_of(scores, cell_count, highest[i]);
-    scores[-1] = 0;  // the last cell's score is always 0: its right neighbours repeat it
-    vertex[i] = vertex_of(scores[cell[i] - 1], highest[i], scores[cell[i] + 1]);
-    std::memset(scores + cell[i] - kBlankCells, 0, 2 * kBlankCells + 1);
-  }
-  for (int i = 0; i < row_count; ++i) {
-    const std::uint8_t* scores = scores_of(i);
-    auto second_lanes = hn::Zero(d);
-    auto sum_lanes = hn::Zero(d64);
-    for (int at = 0; at < cell_count; at += lanes) {
-      const auto score = hn::Load(d, scores + at);
-      second_lanes = hn::Max(second_lanes, score);
-      sum_lanes = hn::Add(sum_lanes, hn::SumsOf8(score));
-    }
-    second[i] = largest(second_lanes);
-    sum[i] = static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, sum_lanes)));
-  }
-  for (int i = 0; i < row_count; ++i) {
-    const std::uint8_t* scores = scores_of(i);
     peaks[i] = {};
     if (highest[i] < options.minimum_contrast) continue;
-    const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * vertex[i].height;
+    const Vertex vertex = vertex_of(scores[cell[i] - 1], highest[i], scores[cell[i] + 1]);
+    const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * vertex.height;
     // A vertex is at most an eighth of its score higher than the score.
     if (static_cast<float>(second[i]) * 1.125f > limit) {
+      std::memset(scores + cell[i] - kBlankCells, 0, 2 * kBlankCells + 1);
       const int at = first_cell_of(scores, cell_count, second[i]);
       if (vertex_of(scores[at - 1], second[i], scores[at + 1]).height > limit) {
         peaks[i].status = RowStatus::ambiguous;
@@ -268,7 +316,7 @@ HWY_INLINE void coarse_peaks(Scratch& s, int row_count, int cell_count, const La
     const int blanked = HWY_MIN(cell[i] + kBlankCells, cell_count - 1) - HWY_MAX(cell[i] - kBlankCells, 0) + 1;
     if (highest[i] * (cell_count - blanked) < kNoiseFactor * sum[i]) continue;
     // The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
-    const int offset_px = 2 * (static_cast<int>(2 * vertex[i].offset_cells + 16.25f) - 16);
+    const int offset_px = 2 * (static_cast<int>(2 * vertex.offset_cells + 16.25f) - 16);
     peaks[i] = {RowStatus::found, 4 * cell[i] + 4 + offset_px};
   }
 }

@@ -32,14 +32,15 @@ class Prefetcher {
 };
 
 HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
-  const float x = static_cast<float>(s.center_px[lane]) + s.x[lane], margin = 2 * s.width[lane];
+  const Window& window = s.window[s.row[lane]];
+  const float x = static_cast<float>(window.center_px) + s.x[lane], margin = 2 * s.width[lane];
   // A line cut by the frame's border has no centre to be known.
   if (!(s.good[lane] > 0) || x < margin || x > static_cast<float>(width - 1) - margin) return;
   row.x_px = x;
   row.sigma_px = std::sqrt(s.variance_x[lane]);
   row.amplitude = s.amplitude[lane];
   row.width_px = s.width[lane];
-  row.status = s.saturated[lane] ? RowStatus::saturated : RowStatus::found;
+  row.status = window.saturated ? RowStatus::saturated : RowStatus::found;
 }
 
 template <Signal kSignal, bool kSubtract>
@@ -68,17 +69,18 @@ void extract_block(const Job& job, int first_row, int row_count) {
     } else {
       decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);
     }
+    pad_cells(cells, cell_count);
   }
   for (int i = 0; i < row_count; ++i) {
     ask_ahead();
-    score_cells(s.cells[i] + kPaddingCells, cell_count, s.scores[i] + kPaddingCells, s.highest[i]);
+    score_cells(s.cells[i] + kPaddingCells, cell_count, s.scores[i] + kPaddingCells, s.best[i]);
   }
   CoarsePeak peaks[kBlockRows];
   coarse_peaks(s, row_count, cell_count, job.options, peaks);
   bool any_whole = false, any_partial = false;
   for (int i = 0; i < kBlockRows; ++i) {
     ask_ahead();
-    s.kind[i] = WindowKind::none;
+    s.window[i].kind = WindowKind::none;
     if (i >= row_count) continue;
     LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
     row = {};
@@ -89,19 +91,22 @@ void extract_block(const Job& job, int first_row, int row_count) {
     }
     take_row<kSignal, kSubtract>(s, i, row_of(job.on, i), kSubtract ? row_of(job.off, i) : nullptr, job.width_px,
                                  peak.center_px, job.options);
-    any_whole = any_whole || s.kind[i] == WindowKind::whole;
-    any_partial = any_partial || s.kind[i] == WindowKind::partial;
+    any_whole = any_whole || s.window[i].kind == WindowKind::whole;
+    any_partial = any_partial || s.window[i].kind == WindowKind::partial;
   }
   const auto refine = [&](auto&& refine_rows, WindowKind kind) {
     refine_rows(s, job.options);
-    for (int i = 0; i < row_count; ++i) {
-      if (s.kind[i] == kind) write_row(s, i, job.width_px, job.rows[static_cast<std::size_t>(first_row + i)]);
+    for (int lane = 0; lane < kBlockRows; ++lane) {
+      if (s.kind[lane] != kind) continue;
+      write_row(s, lane, job.width_px, job.rows[static_cast<std::size_t>(first_row + s.row[lane])]);
     }
   };
-  if (any_whole || any_partial) transpose(s.cut, s.signal);
+  if (!any_whole && !any_partial) return;
+  assign_lanes(s);
+  transpose(s.cut, s.row, s.signal);
   if (any_whole) refine(refine_block<false>, WindowKind::whole);
   if (any_partial) {
-    transpose(s.usable, s.usable_signal);
+    transpose(s.usable, s.row, s.usable_signal);
     refine(refine_block<true>, WindowKind::partial);
   }
 }

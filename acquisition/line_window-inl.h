@@ -75,18 +75,20 @@ HWY_INLINE int ambient_sum(const std::uint8_t* row, int first, int width) {
   return sum;
 }
 
-/// Cuts row `lane` of the block. Pixels beyond the frame repeat the last one and cannot be used.
+/// Cuts row `row` of the block. Pixels beyond the frame repeat the last one and cannot be used.
 template <Signal kSignal, bool kSubtract>
-HWY_INLINE void cut_window(Scratch& s, int lane, const std::uint8_t* on, const std::uint8_t* off, int width,
+HWY_INLINE void cut_window(Scratch& s, int row, const std::uint8_t* on, const std::uint8_t* off, int width,
                            int center) {
   const DPx d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const int first = center - kWindowPx / 2;
   const bool inside = first >= 0 && first + kWindowPx <= width;
-  std::int16_t* cut = s.cut[lane];
+  std::int16_t* cut = s.cut[row];
+  Window& window = s.window[row];
   const auto clipped = [&](VPx v) HWY_ATTR { return hn::Min(hn::Max(v, hn::Set(d, -64)), hn::Set(d, 255)); };
-  s.saturated[lane] = false;
+  window.saturated = false;
   if (inside) {
+    const auto level = hn::Set(d, kSaturatedLevel<kSignal>);
     auto highest = hn::Zero(d);
     for (int i = 0; i < kWindowPx; i += lanes) {
       const auto lit = signals_at<kSignal>(on, first + i);
@@ -94,42 +96,61 @@ HWY_INLINE void cut_window(Scratch& s, int lane, const std::uint8_t* on, const s
       auto value = lit;
       if constexpr (kSubtract) value = hn::Sub(lit, signals_at<kSignal>(off, first + i));
       hn::Store(clipped(value), d, cut + i);
+      hn::Store(hn::VecFromMask(d, hn::Lt(lit, level)), d, s.usable[row] + i);
     }
-    s.saturated[lane] = !hn::AllTrue(d, hn::Lt(highest, hn::Set(d, kSaturatedLevel<kSignal>)));
+    window.saturated = !hn::AllTrue(d, hn::Lt(highest, level));
+    window.kind = window.saturated ? WindowKind::partial : WindowKind::whole;
+    return;
   }
-  s.kind[lane] = inside && !s.saturated[lane] ? WindowKind::whole : WindowKind::partial;
-  if (s.kind[lane] == WindowKind::whole) return;
+  window.kind = WindowKind::partial;
   for (int i = 0; i < kWindowPx; ++i) {
     const int px = std::clamp(first + i, 0, width - 1), lit = signal_at<kSignal>(on, px);
     const int value = kSubtract ? lit - signal_at<kSignal>(off, px) : lit;
     const bool saturated = lit >= kSaturatedLevel<kSignal>;
     cut[i] = static_cast<std::int16_t>(std::clamp(value, -64, 255));
-    s.usable[lane][i] = saturated || px != first + i ? 0 : -1;
-    s.saturated[lane] = s.saturated[lane] || saturated;
+    s.usable[row][i] = saturated || px != first + i ? 0 : -1;
+    window.saturated = window.saturated || saturated;
   }
 }
 
 /// Cuts the window and tells the noise of its pixels: read noise, rounding, and the shot noise of the ambient light, of
 /// both frames if there are two.
 template <Signal kSignal, bool kSubtract>
-HWY_INLINE void take_row(Scratch& s, int lane, const std::uint8_t* on, const std::uint8_t* off, int width, int center,
+HWY_INLINE void take_row(Scratch& s, int row, const std::uint8_t* on, const std::uint8_t* off, int width, int center,
                          const LaserLineOptions& options) {
-  cut_window<kSignal, kSubtract>(s, lane, on, off, width, center);
-  s.center_px[lane] = center;
+  cut_window<kSignal, kSubtract>(s, row, on, off, width, center);
+  s.window[row].center_px = center;
   const int sum = ambient_sum<kSignal>(kSubtract ? off : on, center - kWindowPx / 2, width);
-  s.ambient_variance[lane] =
+  s.window[row].ambient_variance =
       (kSubtract ? 2.f : 1.f) * (options.read_noise * options.read_noise + 1.f / 12 +
                                  static_cast<float>(std::max(sum, 0)) / 8 / options.electrons_per_level);
 }
 
-/// out[pixel][row] = in[row][pixel], 8 rows and 8 pixels at a time.
-HWY_INLINE void transpose(const std::int16_t (*in)[kWindowPx], std::int16_t (*out)[kBlockRows]) {
+/// Gives the rows of the block their lanes.
+HWY_INLINE void assign_lanes(Scratch& s) {
+  int whole = 0, partial = kBlockRows;
+  for (int i = 0; i < kBlockRows; ++i) partial -= s.window[i].kind == WindowKind::partial;
+  for (int lane = 0; lane < kBlockRows; ++lane) {
+    s.row[lane] = 0;
+    s.kind[lane] = WindowKind::none;
+  }
+  for (int i = 0; i < kBlockRows; ++i) {
+    if (s.window[i].kind == WindowKind::none) continue;
+    const int lane = s.window[i].kind == WindowKind::whole ? whole++ : partial++;
+    s.row[lane] = i;
+    s.kind[lane] = s.window[i].kind;
+  }
+  for (int lane = 0; lane < kBlockRows; ++lane) s.ambient_variance[lane] = s.window[s.row[lane]].ambient_variance;
+}
+
+/// out[pixel][lane] = in[row_of[lane]][pixel], 8 rows and 8 pixels at a time.
+HWY_INLINE void transpose(const std::int16_t (*in)[kWindowPx], const int* row_of, std::int16_t (*out)[kBlockRows]) {
   const hn::CappedTag<std::int16_t, 8> d;
   const hn::RepartitionToWide<decltype(d)> d32;
   const hn::RepartitionToWide<decltype(d32)> d64;
   for (int row = 0; row < kBlockRows; row += 8) {
     for (int px = 0; px < kWindowPx; px += 8) {
-      const auto load = [&](int i) HWY_ATTR { return hn::Load(d, in[row + i] + px); };
+      const auto load = [&](int i) HWY_ATTR { return hn::Load(d, in[row_of[row + i]] + px); };
       const auto low16 = [&](auto a, auto b) HWY_ATTR { return hn::BitCast(d32, hn::InterleaveLower(d, a, b)); };
       const auto high16 = [&](auto a, auto b) HWY_ATTR { return hn::BitCast(d32, hn::InterleaveUpper(d, a, b)); };
       const auto low32 = [&](auto a, auto b) HWY_ATTR { return hn::BitCast(d64, hn::InterleaveLower(d32, a, b)); };

@@ -428,7 +428,7 @@ HWY_INLINE bool has_rows(const Scratch& s, int lane) {
 
 /// One pass of Gauss-Newton over the block, and what each row says of the speckle.
 template <bool kMasked, Pass kPass>
-HWY_INLINE void improve(Scratch& s, const LaserLineOptions& options, float speckle) {
+HWY_NOINLINE void improve(Scratch& s, const LaserLineOptions& options, float speckle) {
   const DF d;
   const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
