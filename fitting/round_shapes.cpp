@@ -197,7 +197,7 @@ MeridianSurface meridian_through(const Eigen::Matrix3Xd& points, const Eigen::Ve
     largest = std::max(largest, squares[n]);
   }
   surface.half_band_mm = std::max({-low, high, 1e-6 * std::sqrt(largest)});
-  surface.steepest_mm = 6 * std::sqrt(largest);
+  surface.steepest_mm = 4 * std::sqrt(largest);
   Chebyshev T(degree + 1);
   Eigen::MatrixXd A(N, degree + 1);
   for (Eigen::Index n = 0; n < N; ++n) {

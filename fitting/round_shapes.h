@@ -63,7 +63,7 @@ Sphere sphere_through(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& wei
 /// About an axis of this direction: the circle through the points seen along it. Its point is beside the points' mean.
 Cone cylinder_through(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& weights, const Eigen::Vector3d& direction);
 /// About a given axis, with a polynomial of this degree, a = b = 0. The axis's point is moved beside the points' mean;
-/// steepest_mm is six times the largest radius (a sphere's pole has twice).
+/// steepest_mm is four times the largest radius (a sphere's pole has twice).
 MeridianSurface meridian_through(const Eigen::Matrix3Xd& points, const Eigen::VectorXd& weights, const AxisFrame& axis,
                                  int degree);
 

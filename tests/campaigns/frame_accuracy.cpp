@@ -173,6 +173,7 @@ void write_svg(std::FILE* svg, const std::vector<Row>& rows) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  std::setvbuf(stdout, nullptr, _IOLBF, 0);  // a campaign is watched
   const std::string folder = argc > 1 ? argv[1] : ".";
   const int trials = argc > 2 ? std::max(1, std::atoi(argv[2])) : 100;
   std::printf("%d trials a point, %d points a cloud, R = %g mm, seed 43\n", trials, kPoints, kRadius);
