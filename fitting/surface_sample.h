@@ -18,8 +18,8 @@ struct SurfaceSample {
 };
 
 /// Neighbourhoods start with 12 points and double while normals are less sure than 0.01 rad and the deviation from the
-/// planes does not grow with them (noise; where they bend it grows in proportion), up to a sixth of the sample. A few of
-/// them decide.
+/// planes does not grow with them (noise; where they bend it grows in proportion), up to a sixth of the sample. A few
+/// of them decide.
 /// @pre points finite, at least 12
 SurfaceSample sample_surface(const Eigen::Matrix3Xd& points, int most_points = 6000, int most_normals = 1000);
 
