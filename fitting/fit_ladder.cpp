@@ -91,7 +91,10 @@ int FitLadder::unknowns(int level_u, int level_v, Variation variation) const {
   const bool joint = joint_cell() > 0 && degree_u_ >= 3 && continuity_ == JointContinuity::curvature;
   int rows = intervals_u(level_u) + degree_u_ + (joint ? degree_u_ - 3 : 0), jets = 0;
   for (const bool pole : {band_.poles.start, band_.poles.end})
-    if (pole) rows -= degree_u_ == 1 ? 1 : 3, jets += degree_u_ == 1 ? 1 : std::min(6, 2 + 2 * (around - 1));
+    if (pole) {
+      rows -= band_.poles.rows(degree_u_);
+      jets += degree_u_ == 1 || band_.poles.rule == PoleRule::level ? 1 : std::min(6, 2 + 2 * (around - 1));
+    }
   return rows * around + jets;
 }
 

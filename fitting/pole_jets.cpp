@@ -77,7 +77,7 @@ Eigen::MatrixXd jet(int degree, const Eigen::MatrixXd& harmonics, double h1, dou
 
 PoleJets::PoleJets(const RangeSpace& u, const RangeSpace& v, const BaseArcs& around, Poles poles)
     : count_u_(u.free_count()), count_v_(v.free_count()), last_row_(u.free_count()) {
-  const int bound = u.degree() == 1 ? 1 : 3;
+  const int bound = poles.rows(u.degree());
   const int needed = bound * (static_cast<int>(poles.start) + static_cast<int>(poles.end));
   if (count_u_ < needed || u.intervals() < 2) {
     throw std::invalid_argument("PoleJets: " + std::to_string(count_u_) + " rows of coefficients on " +
@@ -90,7 +90,9 @@ PoleJets::PoleJets(const RangeSpace& u, const RangeSpace& v, const BaseArcs& aro
   const auto bind = [&](bool from_end) {
     const double h1 = from_end ? breaks[last] - breaks[last - 1] : breaks[1] - breaks[0];
     const double h2 = from_end ? breaks[last - 1] - breaks[last - 2] : breaks[2] - breaks[1];
-    const Eigen::MatrixXd rows = jet(u.degree(), of_v, h1, h2, c);
+    const Eigen::MatrixXd rows = poles.rule == PoleRule::jet
+                                     ? jet(u.degree(), of_v, h1, h2, c)
+                                     : Eigen::MatrixXd::Ones(static_cast<Eigen::Index>(bound) * count_v_, 1);
     Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(rows);
     qr.setThreshold(kRank);
     const Eigen::Index rank = qr.rank();

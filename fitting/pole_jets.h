@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 #include "fitting/base_arcs.h"
@@ -11,9 +12,18 @@
 
 namespace celadon {
 
+/// How a pole closes.
+enum class PoleRule : std::uint8_t {
+  jet,   ///< any tangent plane and curvature: value, gradient and second derivatives, six parameters
+  level  ///< f0j = f1j = f00, as in the thesis (3.14): only normal to the axis, one parameter
+};
+
 /// Which ends of a pair of spaces are closed poles.
 struct Poles {
   bool start = false, end = false;  ///< phi = 0, phi = pi
+  PoleRule rule = PoleRule::jet;
+  /// Rows of coefficients that a pole binds. @pre degree_u 1..5
+  int rows(int degree_u) const { return degree_u == 1 ? 1 : rule == PoleRule::level ? 2 : 3; }
   bool any() const { return start || end; }
   bool operator==(const Poles&) const = default;
 };

@@ -97,7 +97,8 @@ tl::expected<std::unique_ptr<Domain>, FitError> make_domain(const MomentGrid& su
                                                             double profiles) {
   const FitLadder all(sums, {0, sums.z_cells()}, options.degree_u, options.degree_v, options.continuity);
   if (auto error = refuse_too_few(sums, all, options)) return tl::unexpected(*error);
-  const CoveredBand band = find_covered_band(sums, extents);
+  CoveredBand band = find_covered_band(sums, extents);
+  band.cells.poles.rule = options.pole_rule;
   if (auto error = refuse(band, whole_turn)) return tl::unexpected(*error);
   return std::make_unique<Domain>(sums, band, options, profiles);
 }

@@ -16,6 +16,7 @@
 #include "fitting/first_look.h"
 #include "fitting/moment_grid.h"
 #include "fitting/nurbs_surface.h"
+#include "fitting/pole_jets.h"
 #include "fitting/profile.h"
 #include "fitting/range_function.h"
 #include "fitting/range_space.h"
@@ -35,6 +36,7 @@ struct RangeFitOptions {
   std::optional<double> form_tolerance_mm;  ///< delta of the model selection; default systematic_mm, else 1e-9 x size
   double systematic_mm = 0;                 ///< systematic uncertainty of the calibration
   JointContinuity continuity = JointContinuity::curvature;
+  PoleRule pole_rule = PoleRule::jet;  ///< of closed poles of a sphere
   /// Fixed numbers of intervals instead of the data's choice (both or neither).
   std::optional<int> z_intervals, intervals_per_arc;
   bool robust = true;     ///< Tukey weights by the median absolute deviation

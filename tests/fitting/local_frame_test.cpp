@@ -1,6 +1,7 @@
 // Frames of clouds whose true axis and centre are known, in any place, with noise, gaps and strays.
 #include "fitting/local_frame.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
