@@ -7,6 +7,7 @@
 #include <cmath>
 #include <random>
 
+#include "fitting/bending_energy.h"
 #include "fitting/fit_ladder.h"
 #include "fitting/nurbs_surface.h"
 #include "fitting/pole_jets.h"
@@ -243,6 +244,43 @@ TEST(PoleSolver, IsLeastSquaresAmongWhatTheJetsAllow) {
       const Eigen::Map<const Eigen::VectorXd> mine(free->data(), nu * nv);
       EXPECT_LT((mine - x).cwiseAbs().maxCoeff(), 1e-8) << p << q << poles.start << poles.end;
     }
+}
+
+// Of spherical harmonics of order l, by Bochner's formula: (l^2 (l + 1)^2 - l (l + 1)) times the integral of the
+// square.
+TEST(SphericalEnergy, IsThatOfTheHarmonics) {
+  const RangeSpace u = RangeSpace::over(5, BaseSurface::meridian(), 16, JointContinuity::curvature),
+                   v = RangeSpace::over(5, BaseArcs::full_circle(), 16, JointContinuity::curvature);
+  const BendingEnergy energy = spherical_energy(u, v, BaseArcs::full_circle());
+  const auto free = [](const RangeSpace& space, const BaseArcs& arcs, const std::function<double(double)>& f) {
+    const Eigen::Index n = 4000;
+    Eigen::VectorXd t(n), y(n);
+    for (Eigen::Index k = 0; k < n; ++k) {
+      t[k] = (static_cast<double>(k) + 0.5) / static_cast<double>(n) * arcs.count();
+      y[k] = f(arcs.theta_of_v(t[k]));
+    }
+    const Eigen::MatrixXd A = test::collocation(space, t);
+    return Eigen::VectorXd((A.transpose() * A).ldlt().solve(A.transpose() * y));
+  };
+  struct Case {
+    std::function<double(double)> along, around;
+    double energy;
+  };
+  const Case cases[] = {
+      {[](double) { return 1; }, [](double) { return 1; }, 0},
+      {[](double p) { return std::cos(p); }, [](double) { return 1; }, 2 * 4 * kPi / 3},
+      {[](double p) { return std::sin(p); }, [](double t) { return std::cos(t); }, 2 * 4 * kPi / 3},
+      {[](double p) { return 3 * std::pow(std::cos(p), 2) - 1; }, [](double) { return 1; }, 30 * 16 * kPi / 5},
+      {[](double p) { return std::pow(std::sin(p), 2); }, [](double t) { return std::cos(2 * t); }, 30 * 16 * kPi / 15},
+      {[](double p) { return std::pow(std::sin(p), 3); }, [](double t) { return std::sin(3 * t); },
+       (144 - 12) * 32 * kPi / 35}};
+  for (const Case& c : cases) {
+    const Eigen::VectorXd a = free(u, BaseSurface::meridian(), c.along), b = free(v, BaseArcs::full_circle(), c.around);
+    double sum = 0;
+    for (std::size_t k = 0; k < 3; ++k)
+      sum += (k == 1 ? 2 : 1) * a.dot(energy.along_u[2 - k] * a) * b.dot(energy.along_v[k] * b);
+    EXPECT_NEAR(sum, c.energy, 1e-4 * (1 + c.energy));
+  }
 }
 
 // A spline with closed poles has one tangent plane and one curvature there, seen from every meridian.
