@@ -39,8 +39,9 @@ void extract_block(const Job& job, int first_row, int row_count) {
   const int rows_ahead = std::min(kBlockRows, job.height_px - first_row - row_count);
   Prefetcher ahead(row_of(job.on, row_count), kSubtract ? row_of(job.off, row_count) : nullptr,
                    static_cast<std::size_t>(rows_ahead) * job.stride_bytes);
-  // Three times a row; the rest while positions are refined.
-  const std::size_t parts = job.options.refinement == LineRefinement::zero_crossing ? 18 : 12;
+  // Some times a row, rows of two bytes a pixel more often; the rest while positions are refined.
+  constexpr std::size_t kTimes = kSignal == Signal::grey ? 3 : 4;
+  const std::size_t parts = (job.options.refinement == LineRefinement::zero_crossing ? 54 : 36) / kTimes;
   for (int i = 0; i < row_count; ++i) {
     ahead.advance(parts);
     const std::uint8_t* on = row_of(job.on, i);
@@ -52,6 +53,7 @@ void extract_block(const Job& job, int first_row, int row_count) {
       decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);
     }
     pad_cells(cells, cell_count);
+    if constexpr (kTimes == 4) ahead.advance(parts);
   }
   for (int i = 0; i < row_count; ++i) {
     ahead.advance(parts);
