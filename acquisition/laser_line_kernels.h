@@ -6,6 +6,7 @@
 #include <span>
 
 #include "acquisition/laser_line.h"
+#include "hwy/cache_control.h"
 
 namespace celadon::line_kernels {
 
@@ -38,6 +39,37 @@ struct ScoreLanes {
   alignas(64) std::uint64_t sum[8];
 };
 
+/// Asks for the bytes of the next block while this one is worked on, a few lines of the cache at a time and all through
+/// its work: a core waits for some twenty lines at once, and while none is asked for memory stands idle.
+class Prefetcher {
+ public:
+  static constexpr std::size_t kParts = 1024;  ///< of a block's bytes, and of the time that work on it takes
+
+  Prefetcher() = default;
+  Prefetcher(const std::uint8_t* on, const std::uint8_t* off, std::size_t bytes)
+      : on_{on, on}, off_{off, off}, part_(bytes / kParts + 1), left_(bytes) {}
+
+  void advance(std::size_t parts) {
+    const std::size_t bytes = left_ < parts * part_ ? left_ : parts * part_;
+    left_ -= bytes;
+    on_.advance(bytes);
+    if (off_.due != nullptr) off_.advance(bytes);
+  }
+
+ private:
+  struct Stream {
+    const std::uint8_t *next = nullptr, *due = nullptr;
+    void advance(std::size_t bytes) {
+      const std::uint8_t *at = next, *end = due + bytes;
+      for (; at < end; at += 64) hwy::Prefetch(at);
+      next = at;
+      due = end;
+    }
+  };
+  Stream on_, off_;
+  std::size_t part_ = 0, left_ = 0;
+};
+
 /// A block of rows on its way from bytes to positions.
 struct Scratch {
   alignas(64) std::uint8_t cells[kBlockRows][kRowCells];
@@ -50,6 +82,7 @@ struct Scratch {
   /// each kind fills as few vectors as it can.
   int row[kBlockRows];
   WindowKind kind[kBlockRows];
+  Prefetcher ahead;
   alignas(64) std::int16_t signal[kWindowPx][kBlockRows];         ///< cut, [pixel][lane]
   alignas(64) std::int16_t usable_signal[kWindowPx][kBlockRows];  ///< usable, [pixel][lane]; only of partial windows
   alignas(64) float ambient_variance[kBlockRows];                 ///< noise of a pixel without laser light

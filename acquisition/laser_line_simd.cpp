@@ -1,7 +1,6 @@
 // One frame from bytes to rows, compiled once for each SIMD target and chosen at run time.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "acquisition/laser_line_simd.cpp"
-#include "hwy/cache_control.h"
 #include "hwy/foreach_target.h"
 #include "hwy/highway.h"
 
@@ -16,20 +15,6 @@
 HWY_BEFORE_NAMESPACE();
 namespace celadon::line_kernels {
 namespace HWY_NAMESPACE {
-
-/// Asks for the bytes of the block to come a few at a time: memory is kept busy while a block is worked on.
-class Prefetcher {
- public:
-  Prefetcher(const std::uint8_t* begin, std::size_t bytes) : at_(begin), end_(begin + bytes) {}
-  HWY_INLINE void advance(std::size_t bytes) {
-    const std::uint8_t* end = static_cast<std::size_t>(end_ - at_) < bytes ? end_ : at_ + bytes;
-    for (; at_ < end; at_ += 64) hwy::Prefetch(at_);
-  }
-
- private:
-  const std::uint8_t* at_;
-  const std::uint8_t* end_;
-};
 
 HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
   const Window& window = s.window[s.row[lane]];
@@ -52,15 +37,13 @@ void extract_block(const Job& job, int first_row, int row_count) {
     return frame + static_cast<std::size_t>(first_row + i) * job.stride_bytes;
   };
   const int rows_ahead = std::min(kBlockRows, job.height_px - first_row - row_count);
-  const std::size_t step = job.stride_bytes / 3 + 64, ahead = static_cast<std::size_t>(rows_ahead) * job.stride_bytes;
-  Prefetcher on_ahead(row_of(job.on, row_count), ahead);
-  Prefetcher off_ahead(kSubtract ? row_of(job.off, row_count) : nullptr, kSubtract ? ahead : 0);
-  const auto ask_ahead = [&] {
-    on_ahead.advance(step);
-    if constexpr (kSubtract) off_ahead.advance(step);
-  };
+  Prefetcher ahead(row_of(job.on, row_count), kSubtract ? row_of(job.off, row_count) : nullptr,
+                   static_cast<std::size_t>(rows_ahead) * job.stride_bytes);
+  // Some times a row, rows of two bytes a pixel more often; the rest while positions are refined.
+  constexpr std::size_t kTimes = kSignal == Signal::grey ? 3 : 4;
+  const std::size_t parts = (job.options.refinement == LineRefinement::zero_crossing ? 54 : 36) / kTimes;
   for (int i = 0; i < row_count; ++i) {
-    ask_ahead();
+    ahead.advance(parts);
     const std::uint8_t* on = row_of(job.on, i);
     const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
     std::uint8_t* cells = s.cells[i] + kPaddingCells;
@@ -70,16 +53,17 @@ void extract_block(const Job& job, int first_row, int row_count) {
       decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);
     }
     pad_cells(cells, cell_count);
+    if constexpr (kTimes == 4) ahead.advance(parts);
   }
   for (int i = 0; i < row_count; ++i) {
-    ask_ahead();
+    ahead.advance(parts);
     score_cells(s.cells[i] + kPaddingCells, cell_count, s.scores[i] + kPaddingCells, s.best[i]);
   }
   CoarsePeak peaks[kBlockRows];
   coarse_peaks(s, row_count, cell_count, job.options, peaks);
   bool any_whole = false, any_partial = false;
   for (int i = 0; i < kBlockRows; ++i) {
-    ask_ahead();
+    ahead.advance(parts);
     s.window[i].kind = WindowKind::none;
     if (i >= row_count) continue;
     LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
@@ -102,7 +86,8 @@ void extract_block(const Job& job, int first_row, int row_count) {
     }
   };
   if (!any_whole && !any_partial) return;
-  assign_lanes(s);
+  s.ahead = ahead;
+  assign_lanes(s, any_partial);
   transpose(s.cut, s.row, s.signal);
   if (any_whole) refine(refine_block<false>, WindowKind::whole);
   if (any_partial) {

@@ -85,7 +85,10 @@ HWY_INLINE void cut_window(Scratch& s, int row, const std::uint8_t* on, const st
   const bool inside = first >= 0 && first + kWindowPx <= width;
   std::int16_t* cut = s.cut[row];
   Window& window = s.window[row];
-  const auto clipped = [&](VPx v) HWY_ATTR { return hn::Min(hn::Max(v, hn::Set(d, -64)), hn::Set(d, 255)); };
+  const auto clipped = [&](VPx v) HWY_ATTR {
+    if constexpr (!kSubtract && (kSignal == Signal::grey || kSignal == Signal::yuyv_luma)) return v;
+    return hn::Min(hn::Max(v, hn::Set(d, -64)), hn::Set(d, 255));
+  };
   window.saturated = false;
   if (inside) {
     const auto level = hn::Set(d, kSaturatedLevel<kSignal>);
@@ -127,18 +130,22 @@ HWY_INLINE void take_row(Scratch& s, int row, const std::uint8_t* on, const std:
 }
 
 /// Gives the rows of the block their lanes.
-HWY_INLINE void assign_lanes(Scratch& s) {
+HWY_INLINE void assign_lanes(Scratch& s, bool any_partial) {
   int whole = 0, partial = kBlockRows;
-  for (int i = 0; i < kBlockRows; ++i) partial -= s.window[i].kind == WindowKind::partial;
-  for (int lane = 0; lane < kBlockRows; ++lane) {
-    s.row[lane] = 0;
-    s.kind[lane] = WindowKind::none;
-  }
   for (int i = 0; i < kBlockRows; ++i) {
-    if (s.window[i].kind == WindowKind::none) continue;
-    const int lane = s.window[i].kind == WindowKind::whole ? whole++ : partial++;
+    partial -= s.window[i].kind == WindowKind::partial ? 1 : 0;
+    s.row[i] = i;
+    s.kind[i] = any_partial ? WindowKind::none : s.window[i].kind;
+  }
+  for (int i = 0; any_partial && i < kBlockRows; ++i) {
+    const WindowKind kind = s.window[i].kind;
+    if (kind == WindowKind::none) continue;
+    const int is_whole = kind == WindowKind::whole ? 1 : 0;  // no branch: nobody can tell which rows are saturated
+    const int lane = is_whole != 0 ? whole : partial;
+    whole += is_whole;
+    partial += 1 - is_whole;
     s.row[lane] = i;
-    s.kind[lane] = s.window[i].kind;
+    s.kind[lane] = kind;
   }
   for (int lane = 0; lane < kBlockRows; ++lane) s.ambient_variance[lane] = s.window[s.row[lane]].ambient_variance;
 }

@@ -32,6 +32,10 @@ inline constexpr int kBackgroundPx = 6;                ///< pixels of background
 template <bool kMasked>
 constexpr int kPasses = kMasked ? 6 : 3;
 
+/// Shares (of Prefetcher::kParts) of the bytes ahead that are asked for with a pass over 16 rows and with each of four
+/// steps of its preparation.
+inline constexpr std::size_t kPassParts = 110, kPrepareParts = 35;
+
 /// The width is known to about a seventh beforehand: that holds faint and speckled rows together.
 inline constexpr float kWidthInformation = 50;
 
@@ -353,6 +357,7 @@ HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
   } else {
     find_crossings(s, p);
   }
+  s.ahead.advance(kPrepareParts);
   for (int row = 0; row < kBlockRows; ++row) p.near[row] = 13;
   sum_background<kMasked>(s, p);
   for (int lane = 0; lane < kBlockRows; lane += lanes) {
@@ -361,7 +366,9 @@ HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
     const auto half = hn::MulSub(set(0.5f), light, set(0.29f));
     hn::Store(hn::DemoteTo(DH(), hn::NearestInt(half)), DH(), p.half + lane);
   }
+  s.ahead.advance(kPrepareParts);
   count_above_half<kMasked>(s, p);
+  s.ahead.advance(kPrepareParts);
   for (int lane = 0; lane < kBlockRows; lane += lanes) {
     const auto before = load_float(p.before + lane), after = load_float(p.after + lane);
     const auto above = load_float(p.above + lane), crossing = load_float(p.crossing + lane);
@@ -392,6 +399,7 @@ HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
     hn::Store(growth, d, s.amplitude + lane);
     hn::Store(hn::IfThenElseZero(good, set(1.f)), d, s.good + lane);
   }
+  s.ahead.advance(kPrepareParts);
   sum_background<kMasked>(s, p);
   for (int lane = 0; lane < kBlockRows; lane += lanes) {
     const Background b = background_of(p, lane);
@@ -433,6 +441,7 @@ HWY_NOINLINE void improve(Scratch& s, const LaserLineOptions& options, float spe
   const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
     if (!has_rows<kMasked>(s, lane)) continue;
+    s.ahead.advance(kPassParts * hn::Lanes(d) / kBlockRows);
     LineModel m = model_of(s, lane);
     Normal n = normal_sums<kMasked, kPass>(s, lane, m, noise_of(s, lane, options, speckle));
     if constexpr (kPass == Pass::tells_speckle) {  // position, amplitude and width take up a share of the noise
