@@ -91,6 +91,7 @@ std::vector<double> costs_of(const std::vector<Fitted>& fits, const Data& data) 
   for (const Fitted& fit : fits)
     if (fit.residuals.allFinite() && fit.solution.scale > 0) scale = std::min(scale, fit.solution.scale);
   std::vector<double> costs;
+  costs.reserve(fits.size());
   for (const Fitted& fit : fits) {
     costs.push_back(fit.residuals.allFinite() && std::isfinite(scale)
                         ? tukey_cost(fit.residuals, data.weights, std::max(scale, data.told_apart_mm))
