@@ -13,8 +13,8 @@ class NearestPoints {
 
   struct Neighbour {
     double distance_squared = 0;
-    int index = 0;  ///< column of the points given
-    auto operator<=>(const Neighbour&) const = default;
+    int index = 0;                                       ///< column of the points given
+    auto operator<=>(const Neighbour&) const = default;  // NOLINT(modernize-use-nullptr): its 0 is no pointer
   };
   /// The `count` nearest points, the nearest first; all if there are fewer. Ties go to the smaller index.
   std::vector<Neighbour> nearest(const Eigen::Vector3d& x, int count) const;
