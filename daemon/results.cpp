@@ -39,11 +39,12 @@ std::string file_name(ResultFormat format, const std::string& name) {
   return "report.json";
 }
 
-std::string mesh_header(const ResultNotes& notes, double chord_mm) {
+std::string mesh_header(const ResultNotes& notes, double chord_mm, const BaseSurface& base) {
   char chord[32];
   std::snprintf(chord, sizeof chord, "%.4g", chord_mm);
+  const bool whole = base.spherical() && base.band_start == 0 && base.band_end == BaseSurface::kMeridianEnd;
   return std::string(notes.simulated ? "SIMULATED " : "") + "celadon " + notes.name + ", mm, chord tolerance " + chord +
-         " mm, end discs assumed";
+         " mm" + (whole ? "" : ", end discs assumed");
 }
 
 tl::expected<void, ResultError> put(const std::filesystem::path& file, std::string_view bytes) {
@@ -140,7 +141,7 @@ tl::expected<void, ResultError> write_surface(const FittedSurface& fitted, Resul
     case ResultFormat::ply: {
       const double chord = options.chord_mm > 0 ? options.chord_mm : 1e-4 * size_of(fitted.function).maxCoeff();
       const TriangleMesh mesh = mesh_of(fitted.function, chord);
-      const std::string header = mesh_header(notes, chord);
+      const std::string header = mesh_header(notes, chord, fitted.function.base());
       return put(file, format == ResultFormat::stl ? binary_stl(mesh, header) : binary_ply(mesh, header));
     }
     case ResultFormat::surface_json:

@@ -68,10 +68,11 @@ void name_product(const Handle(StepData_StepModel) & model, bool simulated) {
   }
 }
 
-std::string header(const CadOptions& options) {
+std::string header(const CadOptions& options, bool caps) {
   const std::string origin = options.simulated ? "simulated: no real object was scanned" : "scan of a real object";
   std::string text = "ISO-10303-21;\nHEADER;\n";
-  text += "FILE_DESCRIPTION(('Celadon: " + origin + "','wall measured, discs at the ends assumed'),'2;1');\n";
+  text += "FILE_DESCRIPTION(('Celadon: " + origin + "','wall measured" + (caps ? ", discs at the ends assumed" : "") +
+          "'),'2;1');\n";
   text += "FILE_NAME('" + step_string(options.name) + "','" + step_string(options.date) +
           "',(''),(''),'Open CASCADE " OCC_VERSION_COMPLETE "','Celadon','');\n";
   text += options.ap214 ? "FILE_SCHEMA(('AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }'));\n"
@@ -125,7 +126,7 @@ tl::expected<std::string, std::string> step_text(const WallSolid& body, const Ca
   if (data == std::string::npos) {
     return tl::make_unexpected(std::string("OpenCASCADE wrote no DATA section"));
   }
-  return header(options) +
+  return header(options, !body.caps.empty()) +
          with_shortest_reals(std::string_view(printed).substr(data), name_marker, step_string(options.name));
 }
 

@@ -184,7 +184,7 @@ class BodyBuilder {
       if (!face) {
         return tl::make_unexpected(face.error());
       }
-      body.caps.push_back({*face, last != outward_ ? "top" : "bottom"});
+      body.caps.push_back({*face, name_of(last)});
       builder_.Add(shell, *face);
     }
     shell.Closed(true);
@@ -265,6 +265,10 @@ class BodyBuilder {
     }
     if (normal.Modulus() < tolerance_mm * tolerance_mm) {
       return tl::make_unexpected(std::string("the ") + name_of(last) + " rim encloses no area");
+    }
+    const gp_XYZ upward = surface_->Pole(surface_->NbUPoles(), 1).XYZ() - surface_->Pole(1, 1).XYZ();
+    if (!outward_ && normal.Dot(upward) <= 0) {
+      return tl::make_unexpected(std::string("the ") + name_of(last) + " rim is inside out: it runs against its wall");
     }
     const gp_Dir outward = top ? gp_Dir(normal) : gp_Dir(normal.Reversed());
     // Any direction in the plane will do; the axis furthest from the normal keeps a level disc's numbers simple.

@@ -371,6 +371,7 @@ TEST_F(Export, BodiesOverASphere) {
   const Written sphere = write(symbolic_product(whole));
   EXPECT_NEAR(sphere.result.volume_mm3, 4.0 / 3 * std::numbers::pi * 25 * 25 * 25, 1e-4);
   EXPECT_EQ(sphere.result.faces, 1);
+  EXPECT_THAT(sphere.text, Not(HasSubstr("assumed")));
   EXPECT_TRUE(sphere.result.valid);
   const StepSurface surface = wall_of(sphere.step);
   EXPECT_EQ(surface.degree_u, 2);
@@ -393,6 +394,7 @@ TEST_F(Export, BodiesOverASphere) {
   EXPECT_EQ(fan.result.faces, 2);
   EXPECT_TRUE(fan.result.valid);
   EXPECT_THAT(fan.text, HasSubstr("top (assumed)"));
+  EXPECT_THAT(fan.text, HasSubstr("discs at the ends assumed"));
 }
 
 TEST_F(Export, NamesTheFolderItCannotWriteTo) {

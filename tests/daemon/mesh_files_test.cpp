@@ -112,7 +112,7 @@ INSTANTIATE_TEST_SUITE_P(
                       MeshCase{"steep_lobes", steep_lobes(), 0.5, 20000}),
     [](const auto& tested) { return std::string(tested.param.name); });
 
-// Over a sphere: an ellipsoid's wall has the distance sqrt(x' M x) - 1 = 0.
+// Three lobes, with both poles, one and none: against points of the exact surface.
 TEST(MeshFiles, BodiesOverASphereAreClosedAndWithinTheirTolerance) {
   BaseSurface base;
   base.kind = BaseKind::sphere;
