@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <numbers>
 #include <optional>
 #include <stdexcept>
 #include <utility>
@@ -35,6 +36,8 @@ constexpr int kMostAlongRevolution = 2048;
 constexpr double kRowsPerUnknown = 1.5;
 // Coefficients of a revolution scatter around by no more than so many standard deviations of a sample, on average.
 constexpr double kRevolutionScales = 8;
+// How far the samples may end from where the object goes on: cells, and a share of the band.
+constexpr double kReachCells = 1.5, kReachShare = 0.02;
 constexpr double kAnyProfiles = std::numeric_limits<double>::infinity();
 
 const char* const kUndetermined =
@@ -92,6 +95,38 @@ struct Domain {
   Domain& operator=(const Domain&) = delete;
 };
 
+// The band's ends go to where the object goes on.
+std::optional<FitError> reach(CoveredBand& band, const MomentGrid& sums, const RangeFitOptions& options) {
+  const auto& grid = sums.specification();
+  const double cell = (grid.z_end_mm - grid.z_start_mm) / sums.z_cells();
+  const double far = std::max(kReachCells * cell, kReachShare * (band.z_end_mm - band.z_start_mm));
+  const auto edge = [&](double at) { return static_cast<int>(std::lround((at - grid.z_start_mm) / cell)); };
+  const bool spherical = options.base == BaseKind::sphere;
+  const auto short_of = [&](double to, double band_end) {
+    const auto& meridian = BaseSurface::meridian();
+    return spherical ? text(
+                           "the head's samples end at a polar angle of %.3g degrees, short of its rim at %.3g; split "
+                           "the object at another height, or scan what is missing",
+                           meridian.theta_of_v(band_end) * 180 / std::numbers::pi,
+                           meridian.theta_of_v(to) * 180 / std::numbers::pi)
+                     : text(
+                           "the body's samples end at z = %.6g mm, short of the split at %.6g mm; split the object at "
+                           "another height, or scan what is missing",
+                           band_end, to);
+  };
+  if (options.reach_start) {
+    if (band.z_start_mm - *options.reach_start > far) return FitError{short_of(*options.reach_start, band.z_start_mm)};
+    band.z_start_mm = *options.reach_start;
+    band.cells.first = edge(band.z_start_mm);
+  }
+  if (options.reach_end) {
+    if (*options.reach_end - band.z_end_mm > far) return FitError{short_of(*options.reach_end, band.z_end_mm)};
+    band.z_end_mm = *options.reach_end;
+    band.cells.last = edge(band.z_end_mm);
+  }
+  return std::nullopt;
+}
+
 tl::expected<std::unique_ptr<Domain>, FitError> make_domain(const MomentGrid& sums, const SectorExtents* extents,
                                                             const RangeFitOptions& options, bool whole_turn,
                                                             double profiles) {
@@ -100,6 +135,7 @@ tl::expected<std::unique_ptr<Domain>, FitError> make_domain(const MomentGrid& su
   CoveredBand band = find_covered_band(sums, extents);
   band.cells.poles.rule = options.pole_rule;
   if (auto error = refuse(band, whole_turn)) return tl::unexpected(*error);
+  if (auto error = reach(band, sums, options)) return tl::unexpected(*error);
   return std::make_unique<Domain>(sums, band, options, profiles);
 }
 

@@ -12,6 +12,7 @@
 #include <tl/expected.hpp>
 
 #include "fitting/coverage.h"
+#include "fitting/error_histogram.h"
 #include "fitting/executor.h"
 #include "fitting/first_look.h"
 #include "fitting/moment_grid.h"
@@ -39,6 +40,9 @@ struct RangeFitOptions {
   PoleRule pole_rule = PoleRule::jet;  ///< of closed poles of a sphere
   /// Fixed numbers of intervals instead of the data's choice (both or neither).
   std::optional<int> z_intervals, intervals_per_arc;
+  /// Coordinates along the base (z in mm, or w) at which the samples end but the object goes on: the surface reaches
+  /// them if samples come near, and an error says so if not. Edges of the grid's cells.
+  std::optional<double> reach_start, reach_end;
   bool robust = true;     ///< Tukey weights by the median absolute deviation
   bool smoothing = true;  ///< bending energy by Mallows' Cp
 };
@@ -98,8 +102,18 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
                                                const Executor& executor = run_in_turn,
                                                const std::function<void(const char* stage)>& stage = {});
 
-/// What the surface misses the samples by: reads them once more. It may run while the surface is put to use.
-RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& executor = run_in_turn);
+/// What a surface misses samples by.
+struct SurfaceErrors {
+  ErrorHistogram along_ray, geometric;
+  void merge(const SurfaceErrors& other);
+  ErrorSummary along_ray_mm() const;
+  ErrorSummary geometric_mm() const;
+};
+
+/// What the surface misses the samples by: reads them once more. It may run while the surface is put to use. The errors
+/// are handed out, too, if asked for.
+RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& executor = run_in_turn,
+                        SurfaceErrors* errors = nullptr);
 
 /// A pass for the first look, then both of the above.
 tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream& profiles,

@@ -14,9 +14,13 @@ namespace celadon {
 
 namespace {
 
+ErrorSummary summary_of(const ErrorHistogram& errors) {
+  return {errors.rms(), errors.quantile(0.95), errors.max()};
+}
+
 // Of one part of the samples.
 struct PartErrors {
-  ErrorHistogram along_ray, geometric;
+  SurfaceErrors missed;
   std::size_t cut = 0, unfollowable = 0;
 };
 
@@ -51,8 +55,9 @@ PartErrors measure_part(const Judged& judged, ProfileStream& profiles) {
         continue;
       }
       const double residual = to_surface.residual[k];
-      errors.along_ray.add(residual);
-      errors.geometric.add(residual * cos_psi(base, z, to_surface.r[k], to_surface.r_theta[k], to_surface.r_z[k]));
+      errors.missed.along_ray.add(residual);
+      errors.missed.geometric.add(residual *
+                                  cos_psi(base, z, to_surface.r[k], to_surface.r_theta[k], to_surface.r_z[k]));
     }
   }
   return errors;
@@ -60,7 +65,18 @@ PartErrors measure_part(const Judged& judged, ProfileStream& profiles) {
 
 }  // namespace
 
-RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& executor) {
+void SurfaceErrors::merge(const SurfaceErrors& other) {
+  along_ray.merge(other.along_ray);
+  geometric.merge(other.geometric);
+}
+ErrorSummary SurfaceErrors::along_ray_mm() const {
+  return summary_of(along_ray);
+}
+ErrorSummary SurfaceErrors::geometric_mm() const {
+  return summary_of(geometric);
+}
+
+RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& executor, SurfaceErrors* errors) {
   const Judged judged(surface);
   std::vector<PartErrors> of_part(parts.size());
   executor(static_cast<int>(parts.size()), [&](int k) {
@@ -69,16 +85,16 @@ RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& 
   });
   PartErrors& all = of_part.front();
   for (std::size_t k = 1; k < of_part.size(); ++k) {
-    all.along_ray.merge(of_part[k].along_ray);
-    all.geometric.merge(of_part[k].geometric);
+    all.missed.merge(of_part[k].missed);
     all.cut += of_part[k].cut;
     all.unfollowable += of_part[k].unfollowable;
   }
   RangeFitReport& report = surface.fit.report;
   report.unfollowable = all.unfollowable;
-  report.rejected = report.points - all.along_ray.count() - all.cut - all.unfollowable;
-  report.residual_mm = {all.along_ray.rms(), all.along_ray.quantile(0.95), all.along_ray.max()};
-  report.geometric_mm = {all.geometric.rms(), all.geometric.quantile(0.95), all.geometric.max()};
+  report.rejected = report.points - all.missed.along_ray.count() - all.cut - all.unfollowable;
+  report.residual_mm = all.missed.along_ray_mm();
+  report.geometric_mm = all.missed.geometric_mm();
+  if (errors) *errors = std::move(all.missed);
   warn(surface.fit, surface.band);
   return std::move(surface.fit);
 }

@@ -16,7 +16,7 @@
 #include "daemon/report.h"
 #include "daemon/results.h"
 #include "daemon/usage_error.h"
-#include "fitting/even_sample.h"
+#include "fitting/even_points.h"
 #include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
 #include "fitting/spherical_stream.h"
@@ -82,19 +82,7 @@ void accumulate(ProfileStream& samples, MomentGrid& sums, FirstLook& look) {
 
 // From an even sample of the file, in the file's frame.
 tl::expected<LocalFrame, std::string> own_frame(ProfileStream& samples) {
-  EvenSample<Eigen::Vector3d> kept(12000);
-  samples.rewind();
-  while (const Profile* profile = samples.next()) {
-    for (std::size_t k = 0; k < profile->size(); ++k) {
-      kept.add([&] {
-        const double r = profile->r_mm[k], t = profile->theta_rad[k];
-        return Eigen::Vector3d(r * std::cos(t), r * std::sin(t), profile->z_mm[k]);
-      });
-    }
-  }
-  Eigen::Matrix3Xd points(3, static_cast<Eigen::Index>(kept.values().size()));
-  for (std::size_t k = 0; k < kept.values().size(); ++k) points.col(static_cast<Eigen::Index>(k)) = kept.values()[k];
-  auto frame = local_frame(points);
+  auto frame = local_frame(even_points(samples, 12000));
   if (!frame) return tl::make_unexpected(frame.error().message);
   return *frame;
 }

@@ -254,12 +254,12 @@ std::string CadWorker::cause_of_end() {
   return "ended with exit code " + std::to_string(WEXITSTATUS(status)) + " without an answer";
 }
 
-tl::expected<CadResult, std::string> CadWorker::write_step(const NurbsSurface& wall, const fs::path& file,
+tl::expected<CadResult, std::string> CadWorker::write_step(std::span<const NurbsSurface> walls, const fs::path& file,
                                                            const CadOptions& options) {
   if (options.time_limit_s <= 0) {
     throw std::invalid_argument("CadWorker::write_step: time_limit_s is " + std::to_string(options.time_limit_s));
   }
-  const std::string request = encode(step_request(wall, options));
+  const std::string request = encode(step_request(walls, options));
   if (!alive()) {
     auto fresh = start();
     if (!fresh) {
@@ -295,13 +295,13 @@ tl::expected<CadResult, std::string> CadWorker::write_step(const NurbsSurface& w
   return CadResult{head.value("volume_mm3", 0.0), head.value("valid", false), head.value("faces", 0)};
 }
 
-tl::expected<CadResult, std::string> write_step(const NurbsSurface& wall, const fs::path& file,
+tl::expected<CadResult, std::string> write_step(std::span<const NurbsSurface> walls, const fs::path& file,
                                                 const CadOptions& options) {
   auto worker = CadWorker::start();
   if (!worker) {
     return tl::make_unexpected(worker.error());
   }
-  return worker->write_step(wall, file, options);
+  return worker->write_step(walls, file, options);
 }
 
 }  // namespace celadon

@@ -4,6 +4,7 @@
 #include <sys/types.h>
 
 #include <filesystem>
+#include <span>
 #include <string>
 
 #include <tl/expected.hpp>
@@ -26,9 +27,10 @@ struct CadResult {
   int faces = 0;
 };
 
-/// Writes a closed solid of positive volume: the exact wall, a disc at each end named and coloured as assumed.
+/// Writes a closed solid of positive volume: the exact walls, bottom to top, and what closes the ends, named and
+/// coloured as assumed.
 /// Written beside `file`, synced and renamed. Errors: one sentence with the remedy.
-tl::expected<CadResult, std::string> write_step(const NurbsSurface& wall, const std::filesystem::path& file,
+tl::expected<CadResult, std::string> write_step(std::span<const NurbsSurface> walls, const std::filesystem::path& file,
                                                 const CadOptions& options);
 
 /// A celadon-cad started ahead of need: process start and library initialisation pass while the table still turns.
@@ -45,7 +47,7 @@ class CadWorker {
 
   /// As the function above. A worker serves one file and its process ends with it; asked again, or when the waiting
   /// process has been ended by somebody meanwhile, it starts another one.
-  tl::expected<CadResult, std::string> write_step(const NurbsSurface& wall, const std::filesystem::path& file,
+  tl::expected<CadResult, std::string> write_step(std::span<const NurbsSurface> walls, const std::filesystem::path& file,
                                                   const CadOptions& options);
   /// Process id of the helper that waits, or -1.
   pid_t pid() const { return pid_; }

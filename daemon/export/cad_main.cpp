@@ -89,7 +89,7 @@ CadMessage answer(const tl::expected<CadMessage, std::string>& message) {
   // If daemon and limit are gone, nobody ends a computation that does not end.
   ::alarm(static_cast<unsigned>(std::max(1, request->options.time_limit_s)) + 1);
   try {
-    const auto body = solid_of_wall(request->wall);
+    const auto body = solid_of_walls(request->walls);
     if (!body) {
       return failure(body.error());
     }
@@ -97,7 +97,7 @@ CadMessage answer(const tl::expected<CadMessage, std::string>& message) {
     if (!text) {
       return failure(text.error());
     }
-    return {{{"volume_mm3", body->volume_mm3}, {"valid", true}, {"faces", 1 + body->caps.size()}}, std::move(*text)};
+    return {{{"volume_mm3", body->volume_mm3}, {"valid", true}, {"faces", body->walls.size() + body->caps.size()}}, std::move(*text)};
   } catch (const Standard_Failure& error) {
     return failure(std::string("OpenCASCADE: ") + error.DynamicType()->Name() + ": " + error.GetMessageString());
   }
@@ -114,7 +114,7 @@ int main(int count, char** arguments) {
       return 0;
     }
     if (std::strcmp(arguments[1], "--version") == 0) {
-      std::puts("celadon-cad protocol 1, Open CASCADE " OCC_VERSION_COMPLETE);
+      std::puts("celadon-cad protocol 2, Open CASCADE " OCC_VERSION_COMPLETE);
       return 0;
     }
     std::fprintf(stderr, "celadon-cad takes no argument \"%s\"; see celadon-cad --help\n", arguments[1]);

@@ -3,12 +3,15 @@
 #include <bit>
 #include <charconv>
 #include <cstring>
+#include <optional>
 #include <stdexcept>
+#include <utility>
 
 namespace celadon {
 namespace {
 
-constexpr std::string_view greeting = "CELADON-CAD 1 ";
+constexpr std::string_view greeting = "CELADON-CAD 2 ";
+constexpr std::size_t most_walls = 16;
 static_assert(std::endian::native == std::endian::little, "payloads are little-endian doubles");
 
 void append_doubles(std::string& bytes, const double* values, std::size_t count) {
@@ -40,36 +43,64 @@ tl::expected<CadMessageSizes, std::string> decode_first_line(std::string_view li
       }
     }
   }
-  return tl::make_unexpected(std::string("the first line is not \"CELADON-CAD 1 HEAD-BYTES PAYLOAD-BYTES\""));
+  return tl::make_unexpected(std::string("the first line is not \"CELADON-CAD 2 HEAD-BYTES PAYLOAD-BYTES\""));
 }
 
-CadMessage step_request(const NurbsSurface& wall, const CadOptions& options) {
-  const auto points = static_cast<std::size_t>(wall.control_points.cols());
-  if (wall.count_u() < 2 || wall.count_v() < 2 ||
-      points != static_cast<std::size_t>(wall.count_u()) * static_cast<std::size_t>(wall.count_v())) {
-    throw std::invalid_argument("step_request: " + std::to_string(points) + " control points for " +
-                                std::to_string(wall.count_u()) + " x " + std::to_string(wall.count_v()));
-  }
+CadMessage step_request(std::span<const NurbsSurface> walls, const CadOptions& options) {
   CadMessage message;
   message.head = {{"format", options.ap214 ? "AP214" : "AP242"},
                   {"name", options.name},
                   {"simulated", options.simulated},
                   {"date", options.date},
                   {"time_limit_s", options.time_limit_s},
-                  {"degree", {wall.degree_u, wall.degree_v}},
-                  {"knots", {wall.knots_u.size(), wall.knots_v.size()}},
-                  {"closed_v", wall.closed_v}};
-  append_doubles(message.payload, wall.knots_u.data(), wall.knots_u.size());
-  append_doubles(message.payload, wall.knots_v.data(), wall.knots_v.size());
-  append_doubles(message.payload, wall.control_points.data(), 4 * points);
+                  {"walls", nlohmann::json::array()}};
+  for (const NurbsSurface& wall : walls) {
+    const auto points = static_cast<std::size_t>(wall.control_points.cols());
+    if (wall.count_u() < 2 || wall.count_v() < 2 ||
+        points != static_cast<std::size_t>(wall.count_u()) * static_cast<std::size_t>(wall.count_v())) {
+      throw std::invalid_argument("step_request: " + std::to_string(points) + " control points for " +
+                                  std::to_string(wall.count_u()) + " x " + std::to_string(wall.count_v()));
+    }
+    message.head["walls"].push_back({{"degree", {wall.degree_u, wall.degree_v}},
+                                     {"knots", {wall.knots_u.size(), wall.knots_v.size()}},
+                                     {"closed_v", wall.closed_v}});
+    append_doubles(message.payload, wall.knots_u.data(), wall.knots_u.size());
+    append_doubles(message.payload, wall.knots_v.data(), wall.knots_v.size());
+    append_doubles(message.payload, wall.control_points.data(), 4 * points);
+  }
   return message;
 }
+
+namespace {
+
+struct KnotCounts {
+  std::size_t u = 0, v = 0;
+};
+
+std::optional<std::string> size_problem(const NurbsSurface& wall, const KnotCounts& knots) {
+  if (wall.degree_u < 1 || wall.degree_u > 25 || wall.degree_v < 1 || wall.degree_v > 25) {
+    return "degree (" + std::to_string(wall.degree_u) + ", " + std::to_string(wall.degree_v) +
+           ") is not within 1 .. 25";
+  }
+  if (knots.u < 2 * static_cast<std::size_t>(wall.degree_u + 1) ||
+      knots.v < 2 * static_cast<std::size_t>(wall.degree_v + 1) || knots.u > 1000000 || knots.v > 1000000) {
+    return "knot vectors of lengths " + std::to_string(knots.u) + " and " + std::to_string(knots.v) +
+           " do not fit the degrees";
+  }
+  return std::nullopt;
+}
+
+std::size_t points_of(const NurbsSurface& wall, const KnotCounts& knots) {
+  return (knots.u - static_cast<std::size_t>(wall.degree_u + 1)) *
+         (knots.v - static_cast<std::size_t>(wall.degree_v + 1));
+}
+
+}  // namespace
 
 tl::expected<StepRequest, std::string> parse_step_request(const CadMessage& message) {
   const auto refuse = [](std::string why) { return tl::make_unexpected(std::move(why)); };
   StepRequest request;
-  std::size_t knots_u = 0;
-  std::size_t knots_v = 0;
+  std::vector<KnotCounts> knots;
   try {
     const nlohmann::json& head = message.head;
     const std::string format = head.at("format");
@@ -81,27 +112,27 @@ tl::expected<StepRequest, std::string> parse_step_request(const CadMessage& mess
     request.options.simulated = head.at("simulated");
     request.options.date = head.at("date");
     request.options.time_limit_s = head.at("time_limit_s");
-    request.wall.degree_u = head.at("degree").at(0);
-    request.wall.degree_v = head.at("degree").at(1);
-    knots_u = head.at("knots").at(0);
-    knots_v = head.at("knots").at(1);
-    request.wall.closed_v = head.at("closed_v");
+    for (const auto& of_wall : head.at("walls")) {
+      NurbsSurface wall;
+      wall.degree_u = of_wall.at("degree").at(0);
+      wall.degree_v = of_wall.at("degree").at(1);
+      wall.closed_v = of_wall.at("closed_v");
+      knots.push_back({of_wall.at("knots").at(0), of_wall.at("knots").at(1)});
+      request.walls.push_back(std::move(wall));
+    }
   } catch (const nlohmann::json::exception& error) {
     return refuse(std::string("the request's head: ") + error.what());
   }
-  const auto order_u = static_cast<std::size_t>(request.wall.degree_u + 1);
-  const auto order_v = static_cast<std::size_t>(request.wall.degree_v + 1);
-  if (request.wall.degree_u < 1 || request.wall.degree_u > 25 || request.wall.degree_v < 1 ||
-      request.wall.degree_v > 25) {
-    return refuse("degree (" + std::to_string(request.wall.degree_u) + ", " + std::to_string(request.wall.degree_v) +
-                  ") is not within 1 .. 25");
+  if (request.walls.empty() || request.walls.size() > most_walls) {
+    return refuse(std::to_string(request.walls.size()) + " walls are not within 1 .. " + std::to_string(most_walls));
   }
-  if (knots_u < 2 * order_u || knots_v < 2 * order_v || knots_u > 1000000 || knots_v > 1000000) {
-    return refuse("knot vectors of lengths " + std::to_string(knots_u) + " and " + std::to_string(knots_v) +
-                  " do not fit the degrees");
+  std::size_t bytes = 0;
+  for (std::size_t k = 0; k < knots.size(); ++k) {
+    if (auto problem = size_problem(request.walls[k], knots[k])) {
+      return refuse(std::move(*problem));
+    }
+    bytes += (knots[k].u + knots[k].v + 4 * points_of(request.walls[k], knots[k])) * sizeof(double);
   }
-  const std::size_t points = (knots_u - order_u) * (knots_v - order_v);
-  const std::size_t bytes = (knots_u + knots_v + 4 * points) * sizeof(double);
   if (message.payload.size() != bytes) {
     return refuse("the payload has " + std::to_string(message.payload.size()) + " bytes in place of " +
                   std::to_string(bytes));
@@ -111,12 +142,16 @@ tl::expected<StepRequest, std::string> parse_step_request(const CadMessage& mess
     std::memcpy(values, next, count * sizeof(double));
     next += count * sizeof(double);
   };
-  request.wall.knots_u.resize(knots_u);
-  request.wall.knots_v.resize(knots_v);
-  request.wall.control_points.resize(4, static_cast<Eigen::Index>(points));
-  take(request.wall.knots_u.data(), knots_u);
-  take(request.wall.knots_v.data(), knots_v);
-  take(request.wall.control_points.data(), 4 * points);
+  for (std::size_t k = 0; k < knots.size(); ++k) {
+    NurbsSurface& wall = request.walls[k];
+    const std::size_t points = points_of(wall, knots[k]);
+    wall.knots_u.resize(knots[k].u);
+    wall.knots_v.resize(knots[k].v);
+    wall.control_points.resize(4, static_cast<Eigen::Index>(points));
+    take(wall.knots_u.data(), knots[k].u);
+    take(wall.knots_v.data(), knots[k].v);
+    take(wall.control_points.data(), 4 * points);
+  }
   return request;
 }
 

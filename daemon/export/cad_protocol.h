@@ -2,8 +2,10 @@
 // What daemon and celadon-cad say to each other over one stream. The grammar is in README.md, "Protocol".
 
 #include <cstddef>
+#include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <nlohmann/json.hpp>
 #include <tl/expected.hpp>
@@ -30,11 +32,11 @@ std::string encode(const CadMessage& message);
 /// @param line without its line feed
 tl::expected<CadMessageSizes, std::string> decode_first_line(std::string_view line);
 
-/// Surface and options as a request. @pre the sizes of the surface agree with each other
-CadMessage step_request(const NurbsSurface& wall, const CadOptions& options);
+/// Surfaces, bottom to top, and options as a request. @pre the sizes of each surface agree with each other
+CadMessage step_request(std::span<const NurbsSurface> walls, const CadOptions& options);
 
 struct StepRequest {
-  NurbsSurface wall;
+  std::vector<NurbsSurface> walls;
   CadOptions options;
 };
 /// Checks everything it takes; the error names what does not agree.

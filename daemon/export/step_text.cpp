@@ -100,8 +100,11 @@ tl::expected<std::string, std::string> step_text(const WallSolid& body, const Ca
   const Handle(XSControl_WorkSession) session = writer.WS();
   const Handle(Transfer_FinderProcess) finder = session->TransferWriter()->FinderProcess();
   STEPConstruct_Styles styles(session);
-  bool dressed = dress(styles, finder, body.wall, "wall", measured);
-  for (const Cap& cap : body.caps) {
+  bool dressed = true;
+  for (const NamedFace& wall : body.walls) {
+    dressed = dressed && dress(styles, finder, wall.face, wall.name, measured);
+  }
+  for (const NamedFace& cap : body.caps) {
     dressed = dressed && dress(styles, finder, cap.face, (std::string(cap.name) + " (assumed)").c_str(), assumed);
   }
   const Handle(StepRepr_RepresentationItem) solid = STEPConstruct::FindEntity(finder, body.solid);

@@ -135,11 +135,16 @@ bool is_pole(const NurbsSurface& wall, int row) {
   return true;
 }
 
-/// Builds the body edge by edge; the parameter rectangle of the wall is [u0, u1] x [v0, v1].
-class BodyBuilder {
+/// An end of a wall: its rim, or the edge without length of a pole, and the seam's point on it.
+struct WallEnd {
+  TopoDS_Edge edge;
+  TopoDS_Vertex vertex;
+};
+
+/// Builds the face of one wall edge by edge; its parameter rectangle is [u0, u1] x [v0, v1].
+class WallBuilder {
  public:
-  /// `outward`: S_u x S_v points out of the body.
-  BodyBuilder(const NurbsSurface& wall, bool outward)
+  WallBuilder(const NurbsSurface& wall, bool outward)
       : surface_(surface_of(wall)),
         outward_(outward),
         u0_(wall.knots_u.front()),
@@ -153,47 +158,52 @@ class BodyBuilder {
     builder_.MakeFace(wall_, surface_, tolerance_mm);
   }
 
-  tl::expected<WallSolid, std::string> build() {
-    const TopoDS_Vertex first_vertex = vertex(u0_);
-    const TopoDS_Vertex last_vertex = vertex(u1_);
-    const TopoDS_Edge seam = seam_between(first_vertex, last_vertex);
-    const TopoDS_Edge first_rim = pole0_ ? pole(u0_, first_vertex) : rim(u0_, first_vertex);
-    const TopoDS_Edge last_rim = pole1_ ? pole(u1_, last_vertex) : rim(u1_, last_vertex);
+  bool outward() const { return outward_; }
+  bool pole(bool top) const { return is_last(top) ? pole1_ : pole0_; }
+  const WallEnd& top() const { return is_last(true) ? last_ : first_; }
 
+  /// The face within its ends; the lower one may be the upper one of another wall.
+  void bound(const WallEnd* below) {
+    for (const bool last : {false, true}) {
+      WallEnd& end = last ? last_ : first_;
+      const double u = last ? u1_ : u0_;
+      if (below && last == is_last(false)) {
+        end = *below;
+        builder_.UpdateEdge(end.edge, new Geom2d_Line(gp_Pnt2d(u, 0), gp_Dir2d(0, 1)), wall_, tolerance_mm);
+        continue;
+      }
+      end.vertex = vertex(u);
+      end.edge = (last ? pole1_ : pole0_) ? degenerate(wall_, u, end.vertex) : rim(u, end.vertex);
+    }
     // Counter-clockwise in the parameter plane: along v0, up u1, back along v1, down u0.
+    const TopoDS_Edge seam = seam_between(first_.vertex, last_.vertex);
     TopoDS_Wire boundary;
     builder_.MakeWire(boundary);
     builder_.Add(boundary, seam);
-    builder_.Add(boundary, last_rim);
+    builder_.Add(boundary, last_.edge);
     builder_.Add(boundary, seam.Reversed());
-    builder_.Add(boundary, first_rim.Reversed());
+    builder_.Add(boundary, first_.edge.Reversed());
     boundary.Closed(true);
     builder_.Add(wall_, boundary);
+  }
 
-    WallSolid body;
-    // A shell's faces point outward.
-    body.wall = outward_ ? wall_ : TopoDS::Face(wall_.Reversed());
-    TopoDS_Shell shell;
-    builder_.MakeShell(shell);
-    builder_.Add(shell, body.wall);
-    for (const bool last : {false, true}) {
-      if (last ? pole1_ : pole0_) {
-        continue;
-      }
-      const auto face = cap(last ? last_rim : first_rim, last);
-      if (!face) {
-        return tl::make_unexpected(face.error());
-      }
-      body.caps.push_back({*face, name_of(last)});
-      builder_.Add(shell, *face);
+  /// As a shell wants it, whose faces point outward.
+  TopoDS_Face face() const { return outward_ ? wall_ : TopoDS::Face(wall_.Reversed()); }
+
+  /// What closes an end that is no pole.
+  tl::expected<NamedFace, std::string> cap(bool top) {
+    const bool last = is_last(top);
+    auto face = cap(last ? last_.edge : first_.edge, last);
+    if (!face) {
+      return tl::make_unexpected(face.error());
     }
-    shell.Closed(true);
-    builder_.MakeSolid(body.solid);
-    builder_.Add(body.solid, shell);
-    return body;
+    return NamedFace{*face, name_of(last)};
   }
 
  private:
+  // u runs up a cylinder and down a sphere.
+  bool is_last(bool top) const { return top != outward_; }
+
   TopoDS_Vertex vertex(double u) {
     TopoDS_Vertex result;
     builder_.MakeVertex(result, surface_->Value(u, v0_), tolerance_mm);
@@ -233,7 +243,6 @@ class BodyBuilder {
     builder_.Degenerated(edge, true);
     return edge;
   }
-  TopoDS_Edge pole(double u, const TopoDS_Vertex& at) { return degenerate(wall_, u, at); }
 
   const char* name_of(bool last) const { return last != outward_ ? "top" : "bottom"; }
 
@@ -357,26 +366,80 @@ class BodyBuilder {
   bool pole0_, pole1_;
   Eigen::Vector3d apex0_, apex1_;
   TopoDS_Face wall_;
+  WallEnd first_, last_;
 };
+
+/// Walls share a rim where the control points of both are the same.
+std::optional<std::string> gap_between(const NurbsSurface& below, bool below_outward, const NurbsSurface& above,
+                                       bool above_outward) {
+  const int row_below = below_outward ? 0 : below.count_u() - 1, row_above = above_outward ? above.count_u() - 1 : 0;
+  if (below.degree_v != above.degree_v || below.knots_v != above.knots_v) {
+    return std::string("two walls have other knots around and share no rim");
+  }
+  double gap = 0;
+  for (int j = 0; j < below.count_v(); ++j) {
+    const Eigen::Vector4d a = below.control_point(row_below, j), b = above.control_point(row_above, j);
+    gap = std::max({gap, (a.head<3>() / a.w() - b.head<3>() / b.w()).norm(), std::abs(a.w() / b.w() - 1)});
+  }
+  if (gap > tolerance_mm) {
+    return "two walls do not meet: their rims are " + number(gap) + " mm apart";
+  }
+  return std::nullopt;
+}
 
 }  // namespace
 
-tl::expected<WallSolid, std::string> solid_of_wall(const NurbsSurface& wall) {
-  if (auto problem = wall_problem(wall)) {
-    return tl::make_unexpected(std::move(*problem));
+tl::expected<WallSolid, std::string> solid_of_walls(std::span<const NurbsSurface> walls) {
+  if (walls.empty()) {
+    return tl::make_unexpected(std::string("there is no wall"));
   }
-  const double volume = signed_volume_mm3(wall);
-  if (!std::isfinite(volume) || volume == 0) {
-    return tl::make_unexpected("the wall encloses no volume");
+  WallSolid body;
+  std::vector<WallBuilder> builders;
+  for (const NurbsSurface& wall : walls) {
+    if (auto problem = wall_problem(wall)) {
+      return tl::make_unexpected(std::move(*problem));
+    }
+    // Discs on the rims that walls share cancel.
+    const double volume = signed_volume_mm3(wall);
+    if (!std::isfinite(volume) || volume == 0) {
+      return tl::make_unexpected(std::string("the wall encloses no volume"));
+    }
+    body.volume_mm3 += std::abs(volume);
+    builders.emplace_back(wall, volume < 0);
+    if (builders.size() > 1) {
+      const std::size_t k = builders.size() - 1;
+      if (auto problem = gap_between(walls[k - 1], builders[k - 1].outward(), wall, builders[k].outward())) {
+        return tl::make_unexpected(std::move(*problem));
+      }
+    }
   }
-  auto body = BodyBuilder(wall, volume < 0).build();
-  if (!body) {
-    return body;
+  const BRep_Builder builder;
+  TopoDS_Shell shell;
+  builder.MakeShell(shell);
+  for (std::size_t k = 0; k < builders.size(); ++k) {
+    builders[k].bound(k > 0 ? &builders[k - 1].top() : nullptr);
+    const char* const name = walls.size() == 1 ? "wall" : builders[k].outward() ? "head" : "body";
+    body.walls.push_back({builders[k].face(), name});
+    builder.Add(shell, body.walls.back().face);
   }
-  if (!BRepCheck_Analyzer(body->solid).IsValid()) {
+  for (const bool top : {false, true}) {
+    WallBuilder& wall = top ? builders.back() : builders.front();
+    if (wall.pole(top)) {
+      continue;
+    }
+    auto cap = wall.cap(top);
+    if (!cap) {
+      return tl::make_unexpected(cap.error());
+    }
+    builder.Add(shell, cap->face);
+    body.caps.push_back(*cap);
+  }
+  shell.Closed(true);
+  builder.MakeSolid(body.solid);
+  builder.Add(body.solid, shell);
+  if (!BRepCheck_Analyzer(body.solid).IsValid()) {
     return tl::make_unexpected(std::string("OpenCASCADE finds the solid invalid"));
   }
-  body->volume_mm3 = std::abs(volume);
   return body;
 }
 

@@ -7,168 +7,65 @@
 #include <numbers>
 #include <stdexcept>
 
-#include "daemon/files/chord_bound.h"
-#include "daemon/files/sphere_mesh.h"
+#include "daemon/files/mesh_rows.h"
+#include "daemon/files/sphere_grid.h"
+#include "daemon/files/wall_grid.h"
 #include "fitting/range_function.h"
 
 namespace celadon {
 namespace {
 
-constexpr std::size_t largest_grid = 50'000'000;
+constexpr int kFewestColumns = 16;
 
-/// Density of grid lines that an interval between knots asks for at scale 1.
-struct Stretch {
-  double from, to, density;
-  bool kink_after;
-};
+using Rows = std::vector<std::vector<Eigen::Vector3d>>;
 
-/// Grid lines at equal shares of the integral of the density, and at every kink.
-std::vector<double> lines(const std::vector<Stretch>& stretches, double scale) {
-  std::vector<double> lines = {stretches.front().from};
-  for (std::size_t first = 0; first < stretches.size();) {
-    std::size_t last = first;
-    double total = 0;
-    for (;; ++last) {
-      total += (stretches[last].to - stretches[last].from) * stretches[last].density;
-      if (last + 1 == stretches.size() || stretches[last].kink_after) {
-        break;
-      }
+Rows rows_of(const RangeFunction& wall, const WallGrid& grid) {
+  Rows rows(grid.z_mm.size());
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    for (std::size_t j = 0; j < grid.around(); ++j) {
+      const double r = grid.r(i, j), theta = grid.theta_rad[j];
+      rows[i].push_back(wall.base().X_WB *
+                        Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta), grid.z_mm[i]));
     }
-    const double pieces = std::max(1.0, std::ceil(total * scale));
-    if (pieces > static_cast<double>(largest_grid)) {
-      throw std::length_error(
-          "mesh_of: the chord tolerance asks for more than 100 million triangles; take a larger one");
-    }
-    double before = 0;
-    std::size_t at = first;
-    for (std::size_t piece = 1; piece < static_cast<std::size_t>(pieces); ++piece) {
-      const double wanted = total * static_cast<double>(piece) / pieces;
-      const auto weight = [&] { return (stretches[at].to - stretches[at].from) * stretches[at].density; };
-      while (at < last && before + weight() < wanted) {
-        before += weight();
-        ++at;
-      }
-      lines.push_back(std::min(stretches[at].to, stretches[at].from + (wanted - before) / stretches[at].density));
-    }
-    lines.push_back(stretches[last].to);
-    first = last + 1;
   }
-  return lines;
+  return rows;
 }
 
-/// For each interval between lines, the first and the last of the table's intervals it touches.
-std::vector<std::pair<std::size_t, std::size_t>> touched(const std::vector<double>& lines,
-                                                         const std::vector<double>& borders) {
-  std::vector<std::pair<std::size_t, std::size_t>> spans;
-  std::size_t first = 0;
-  for (std::size_t i = 0; i + 1 < lines.size(); ++i) {
-    while (first + 2 < borders.size() && borders[first + 1] <= lines[i]) {
-      ++first;
-    }
-    std::size_t last = first;
-    while (last + 2 < borders.size() && borders[last + 1] < lines[i + 1]) {
-      ++last;
-    }
-    spans.emplace_back(first, last);
+// Columns of a grid with every interval cut into equal parts; without the last, which is the first again.
+std::vector<double> cut(const std::vector<double>& lines, int parts) {
+  std::vector<double> columns;
+  for (std::size_t j = 0; j + 1 < lines.size(); ++j) {
+    for (int k = 0; k < parts; ++k) columns.push_back(lines[j] + (lines[j + 1] - lines[j]) * k / parts);
   }
-  return spans;
+  return columns;
 }
 
-/// A tensor grid over the wall; theta's last line is its first one again.
-struct Grid {
-  std::vector<double> theta_rad, z_mm;
-  std::vector<double> r_mm;  ///< row by row of constant z, theta.size() - 1 each
+std::vector<double> even_columns(int count) {
+  std::vector<double> columns;
+  for (int j = 0; j < count; ++j) columns.push_back(2 * std::numbers::pi * j / count);
+  return columns;
+}
 
-  std::size_t around() const { return theta_rad.size() - 1; }
-  double r(std::size_t row, std::size_t column) const { return r_mm[row * around() + column % around()]; }
-};
+bool has_pole(const RangeFunction& range, bool top) {
+  const BaseSurface& base = range.base();
+  return base.spherical() && (top ? base.band_start == 0 : base.band_end == BaseSurface::kMeridianEnd);
+}
 
-class Mesher {
- public:
-  Mesher(const RangeFunction& range, double chord_mm) : range_(range), chord_mm_(chord_mm), table_(range) {
-    const std::size_t rows = table_.z_mm().size() - 1;
-    const std::size_t columns = table_.theta_rad().size() - 1;
-    // Errors of both directions add up: an equal share for each is the cheapest (README.md, "Meshes").
-    const double unit = std::sqrt(8 * chord_mm);
-    for (std::size_t j = 0; j < columns; ++j) {
-      RangeBounds bounds;
-      for (std::size_t i = 0; i < rows; ++i) {
-        bounds.widen(table_.at(i, j));
-      }
-      const double bend = bounds.bend + 2 * bounds.slope_max * bounds.slope_max * bounds.r_max;
-      const double density = std::max(std::sqrt(bend) / unit, 16 / (2 * std::numbers::pi));
-      around_.push_back(
-          {table_.theta_rad()[j], table_.theta_rad()[j + 1], density, j + 1 < columns && table_.theta_kink()[j]});
-    }
-    const double height = table_.z_mm().back() - table_.z_mm().front();
-    for (std::size_t i = 0; i < rows; ++i) {
-      RangeBounds bounds;
-      for (std::size_t j = 0; j < columns; ++j) {
-        bounds.widen(table_.at(i, j));
-      }
-      // The second term holds the twist of a cell down where the wall is straight but slanted.
-      const double density = std::sqrt(bounds.r_zz) / unit + 4 * bounds.r_z / bounds.r_max;
-      upward_.push_back({table_.z_mm()[i], table_.z_mm()[i + 1], std::max(density, 1e-3 / height),
-                         i + 1 < rows && table_.z_kink()[i + 1]});
-    }
+// What an end of the rows runs together in; the row of a pole goes.
+Eigen::Vector3d close(Rows& rows, const RangeFunction& range, bool top) {
+  const Eigen::Isometry3d& X_WB = range.base().X_WB;
+  const auto& row = top ? rows.back() : rows.front();
+  Eigen::Vector3d end = row.front();
+  if (has_pole(range, top)) {
+    top ? rows.pop_back() : static_cast<void>(rows.erase(rows.begin()));
+    return end;
   }
-
-  /// The coarsest grid of a geometric ladder whose every cell is proved.
-  Grid grid() const {
-    for (double scale = 0.7;; scale *= 1.06) {
-      Grid grid;
-      grid.theta_rad = lines(around_, scale);
-      grid.z_mm = lines(upward_, scale);
-      if (static_cast<double>(grid.around()) * static_cast<double>(grid.z_mm.size()) >
-          static_cast<double>(largest_grid)) {
-        throw std::length_error(
-            "mesh_of: the chord tolerance asks for more than 100 million triangles; take a larger one");
-      }
-      const std::size_t count = grid.around() * grid.z_mm.size();
-      std::vector<double> theta(count);
-      std::vector<double> z(count);
-      for (std::size_t k = 0; k < count; ++k) {
-        theta[k] = grid.theta_rad[k % grid.around()];
-        z[k] = grid.z_mm[k / grid.around()];
-      }
-      grid.r_mm.resize(count);
-      range_.evaluate(theta.data(), z.data(), count, grid.r_mm.data());
-      if (!std::all_of(grid.r_mm.begin(), grid.r_mm.end(), [](double r) { return r > 0; })) {
-        throw std::invalid_argument("mesh_of: the range is not positive everywhere");
-      }
-      if (proved(grid)) {
-        return grid;
-      }
-    }
-  }
-
- private:
-  bool proved(const Grid& grid) const {
-    const auto rows = touched(grid.z_mm, table_.z_mm());
-    const auto columns = touched(grid.theta_rad, table_.theta_rad());
-    for (std::size_t i = 0; i < rows.size(); ++i) {
-      for (std::size_t j = 0; j < columns.size(); ++j) {
-        RangeBounds bounds;
-        for (std::size_t a = rows[i].first; a <= rows[i].second; ++a) {
-          for (std::size_t b = columns[j].first; b <= columns[j].second; ++b) {
-            bounds.widen(table_.at(a, b));
-          }
-        }
-        const CellCorners corners{grid.r(i, j), grid.r(i, j + 1), grid.r(i + 1, j), grid.r(i + 1, j + 1)};
-        const double h_theta = grid.theta_rad[j + 1] - grid.theta_rad[j];
-        if (chord_bound_mm(bounds, corners, h_theta, grid.z_mm[i + 1] - grid.z_mm[i]) > chord_mm_) {
-          return false;
-        }
-      }
-    }
-    return true;
-  }
-
-  const RangeFunction& range_;
-  double chord_mm_;
-  BoundTable table_;
-  std::vector<Stretch> around_, upward_;
-};
+  // On the axis: every ray from it meets the rim once, so that a fan covers the cap without overlap.
+  double height = 0;
+  const Eigen::Isometry3d X_BW = X_WB.inverse();
+  for (const auto& p : row) height += (X_BW * p).z() / static_cast<double>(row.size());
+  return X_WB * Eigen::Vector3d(0, 0, height);
+}
 
 void append(std::string& bytes, const void* value, std::size_t size) {
   bytes.append(static_cast<const char*>(value), size);
@@ -188,46 +85,46 @@ std::string one_line(const std::string& text) {
 
 }  // namespace
 
-TriangleMesh mesh_of(const RangeFunction& range, double chord_mm) {
-  if (!(chord_mm > 0) || !range.base().arcs.closed()) {
+TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_mm) {
+  const auto wall = std::find_if(pieces.begin(), pieces.end(), [](const auto* p) { return !p->base().spherical(); });
+  if (!(chord_mm > 0) || pieces.empty() ||
+      !std::all_of(pieces.begin(), pieces.end(), [](const auto* p) { return p->base().arcs.closed(); })) {
     throw std::invalid_argument("mesh_of: the chord tolerance must be positive and the wall closed around the axis");
   }
-  if (range.base().spherical()) {
-    return sphere_mesh(range, chord_mm);
-  }
-  const Grid grid = Mesher(range, chord_mm).grid();
-  const auto around = static_cast<std::uint32_t>(grid.around());
-  const auto rows = static_cast<std::uint32_t>(grid.z_mm.size());
-  const Eigen::Isometry3d& X_WB = range.base().X_WB;
-
-  TriangleMesh mesh;
-  mesh.vertices_mm.reserve(std::size_t{around} * rows + 2);
-  for (std::uint32_t i = 0; i < rows; ++i) {
-    for (std::uint32_t j = 0; j < around; ++j) {
-      const double r = grid.r(i, j);
-      mesh.vertices_mm.push_back(
-          X_WB * Eigen::Vector3d(r * std::cos(grid.theta_rad[j]), r * std::sin(grid.theta_rad[j]), grid.z_mm[i]));
+  MeshRows body;
+  if (wall == pieces.end()) {
+    const SphereGrid grid = sphere_grid(*pieces.front(), even_columns, kFewestColumns, chord_mm);
+    body.rows = grid.rows;
+  } else {
+    // Pieces share the columns of the wall, cut as finely as the heads need.
+    WallGrid grid = wall_grid(**wall, chord_mm);
+    const auto columns = [&](int parts) { return cut(grid.theta_rad, parts); };
+    int parts = 1;
+    for (const RangeFunction* piece : pieces) {
+      if (piece->base().spherical()) parts = sphere_grid(*piece, columns, parts, chord_mm).fineness;
+    }
+    if (parts > 1) {
+      auto theta = columns(parts);
+      theta.push_back(grid.theta_rad.back());
+      grid = wall_grid(**wall, std::move(theta), std::move(grid.z_mm));
+    }
+    const auto same_columns = [&](int) { return cut(grid.theta_rad, 1); };
+    for (const RangeFunction* piece : pieces) {
+      Rows rows = piece->base().spherical() ? sphere_grid(*piece, same_columns, 1, chord_mm).rows
+                                            : rows_of(*piece, grid);
+      // The rim is the row of the piece below, too.
+      const auto first = body.rows.empty() ? rows.begin() : rows.begin() + 1;
+      body.rows.insert(body.rows.end(), std::make_move_iterator(first), std::make_move_iterator(rows.end()));
     }
   }
-  const std::uint32_t bottom = around * rows;
-  const std::uint32_t top = bottom + 1;
-  // Every ray from the axis meets the rim once: a fan from the axis covers the disc without overlap.
-  mesh.vertices_mm.push_back(X_WB * Eigen::Vector3d(0, 0, grid.z_mm.front()));
-  mesh.vertices_mm.push_back(X_WB * Eigen::Vector3d(0, 0, grid.z_mm.back()));
+  body.bottom = close(body.rows, *pieces.front(), false);
+  body.top = close(body.rows, *pieces.back(), true);
+  return mesh_of_rows(body);
+}
 
-  mesh.triangles.reserve(2 * std::size_t{around} * rows);
-  const auto vertex = [&](std::uint32_t i, std::uint32_t j) { return i * around + j % around; };
-  for (std::uint32_t i = 0; i + 1 < rows; ++i) {
-    for (std::uint32_t j = 0; j < around; ++j) {
-      mesh.triangles.push_back({vertex(i, j), vertex(i, j + 1), vertex(i + 1, j + 1)});
-      mesh.triangles.push_back({vertex(i, j), vertex(i + 1, j + 1), vertex(i + 1, j)});
-    }
-  }
-  for (std::uint32_t j = 0; j < around; ++j) {
-    mesh.triangles.push_back({bottom, vertex(0, j + 1), vertex(0, j)});
-    mesh.triangles.push_back({top, vertex(rows - 1, j), vertex(rows - 1, j + 1)});
-  }
-  return mesh;
+TriangleMesh mesh_of(const RangeFunction& range, double chord_mm) {
+  const RangeFunction* const piece = &range;
+  return mesh_of(std::span(&piece, 1), chord_mm);
 }
 
 std::string binary_stl(const TriangleMesh& mesh, const std::string& header) {

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -17,11 +18,13 @@ struct TriangleMesh {
   std::vector<std::array<std::uint32_t, 3>> triangles;
 };
 
-/// A range over a sphere goes to sphere_mesh(). Over a cylinder, the fitted wall and a plane disc at each end. No point
-/// of the wall is further than chord_mm from the mesh: grid lines follow bounds on the second derivatives of the range
-/// function, and every cell is proved (README.md, "Meshes").
-/// @pre chord_mm > 0, range closed around the axis and positive
+/// The body of pieces that share their rims, bottom to top, and a cap on each end that is no pole: a plane disc, over a
+/// sphere a fan. No point of a wall over a cylinder is further than chord_mm from the mesh: grid lines follow bounds on
+/// the second derivatives of the range function, and every cell is proved; over a sphere every triangle has been
+/// compared with the surface (README.md, "Meshes").
+/// @pre chord_mm > 0, ranges closed around the axis and positive, at most one over a cylinder
 /// @throws std::length_error if more than 100 million triangles would be needed
+TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_mm);
 TriangleMesh mesh_of(const RangeFunction& range, double chord_mm);
 
 /// Complete file contents; deterministic. `header` is one line (simulated or not, chord tolerance, units). Coordinates

@@ -48,7 +48,7 @@ TEST(CadHelper, CrashIsContainedAndNamed) {
 
 TEST(CadHelper, EndWithoutAnswerIsNamed) {
   EXPECT_THAT(answer_with("exit 3"), HasSubstr("ended with exit code 3 without an answer"));
-  EXPECT_THAT(answer_with("printf 'CELADON-CAD 1 200 10\\n{'"), HasSubstr("without an answer"));
+  EXPECT_THAT(answer_with("printf 'CELADON-CAD 2 200 10\\n{'"), HasSubstr("without an answer"));
 }
 
 TEST(CadHelper, HangIsEndedAtTheTimeLimit) {
@@ -57,11 +57,11 @@ TEST(CadHelper, HangIsEndedAtTheTimeLimit) {
 
 TEST(CadHelper, AnotherLanguageIsRefused) {
   EXPECT_THAT(answer_with("echo hello; read line"), HasSubstr("answer of another kind"));
-  EXPECT_THAT(answer_with("printf 'CELADON-CAD 1 2 0\\n[]'; read line"), HasSubstr("answer of another kind"));
+  EXPECT_THAT(answer_with("printf 'CELADON-CAD 2 2 0\\n[]'; read line"), HasSubstr("answer of another kind"));
 }
 
 TEST(CadHelper, ItsOwnErrorIsPassedOn) {
-  EXPECT_THAT(answer_with("printf 'CELADON-CAD 1 20 0\\n{\"error\":\"no luck.\"} '; read line"),
+  EXPECT_THAT(answer_with("printf 'CELADON-CAD 2 20 0\\n{\"error\":\"no luck.\"} '; read line"),
               AllOf(HasSubstr("out.step: no luck."), HasSubstr("nothing was written")));
 }
 

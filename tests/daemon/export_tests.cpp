@@ -422,12 +422,12 @@ TEST(CadProtocol, RequestsComeBackAsSent) {
 }
 
 TEST(CadProtocol, RefusesWhatDoesNotAgree) {
-  EXPECT_FALSE(decode_first_line("CELADON-CAD 2 1 1"));
-  EXPECT_FALSE(decode_first_line("CELADON-CAD 1 10"));
-  EXPECT_FALSE(decode_first_line("CELADON-CAD 1 10 -1"));
-  EXPECT_FALSE(decode_first_line("CELADON-CAD 1 10 18446744073709551615"));
-  EXPECT_FALSE(decode_first_line("CELADON-CAD 1 10 1 "));
-  EXPECT_TRUE(decode_first_line("CELADON-CAD 1 10 1"));
+  EXPECT_FALSE(decode_first_line("CELADON-CAD 3 1 1"));
+  EXPECT_FALSE(decode_first_line("CELADON-CAD 2 10"));
+  EXPECT_FALSE(decode_first_line("CELADON-CAD 2 10 -1"));
+  EXPECT_FALSE(decode_first_line("CELADON-CAD 2 10 18446744073709551615"));
+  EXPECT_FALSE(decode_first_line("CELADON-CAD 2 10 1 "));
+  EXPECT_TRUE(decode_first_line("CELADON-CAD 2 10 1"));
   CadMessage message = step_request(testing::cylinder(1, 1).surface(), {});
   message.payload.pop_back();
   EXPECT_THAT(parse_step_request(message).error(), HasSubstr("bytes in place of"));
