@@ -2,21 +2,24 @@
 
 #include <algorithm>
 #include <numbers>
+#include <utility>
 
 namespace celadon {
 
-Eigen::Vector3d size_of(const RangeFunction& range) {
+Eigen::Vector3d size_of(std::span<const RangeFunction* const> pieces) {
   constexpr int kAround = 256, kAlong = 128;
-  const BaseSurface& base = range.base();
   Eigen::AlignedBox3d box;
-  for (int i = 0; i <= kAlong; ++i) {
-    const double z = base.band_start + (base.band_end - base.band_start) * i / kAlong;
-    for (int j = 0; j < kAround; ++j) {
-      const double theta = 2 * std::numbers::pi * j / kAround, range_mm = range(theta, z);
-      const double phi = base.spherical() ? BaseSurface::meridian().theta_of_v(z) : 0;
-      const double r = base.spherical() ? range_mm * std::sin(phi) : range_mm;
-      box.extend(base.X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta),
-                                             base.spherical() ? range_mm * std::cos(phi) : z));
+  for (const RangeFunction* range : pieces) {
+    const BaseSurface& base = range->base();
+    for (int i = 0; i <= kAlong; ++i) {
+      const double z = base.band_start + (base.band_end - base.band_start) * i / kAlong;
+      for (int j = 0; j < kAround; ++j) {
+        const double theta = 2 * std::numbers::pi * j / kAround, range_mm = (*range)(theta, z);
+        const double phi = base.spherical() ? BaseSurface::meridian().theta_of_v(z) : 0;
+        const double r = base.spherical() ? range_mm * std::sin(phi) : range_mm;
+        box.extend(base.X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta),
+                                               base.spherical() ? range_mm * std::cos(phi) : z));
+      }
     }
   }
   return box.sizes();
@@ -33,22 +36,15 @@ Json to_json(const Eigen::Vector3d& v) {
   return Json::array({v.x(), v.y(), v.z()});
 }
 
-}  // namespace
-
-nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes) {
-  const RangeFitReport& r = fit.report;
-  const Eigen::Isometry3d& X_WB = fit.function.base().X_WB;
-  Json json;
-  json["format"] = "celadon-report";
-  json["version"] = 1;
-  json["units"] = {{"length", "mm"}, {"angle", "rad"}, {"time", "s"}};
-  json["name"] = notes.name;
-  json["date"] = notes.date;
-  json["machine"] = notes.machine;
-  json["simulated"] = notes.simulated;
+void put_counts(Json& json, const RangeFitReport& r) {
   json["points"] = r.points;
   json["rejected"] = r.rejected;
   json["unfollowable"] = r.unfollowable;
+}
+
+// What a surface is and how well its samples lie on it.
+void put_surface(Json& json, const RangeFit& fit) {
+  const RangeFitReport& r = fit.report;
   const BaseSurface& base = fit.function.base();
   json["base"] = base.spherical() ? "sphere" : "cylinder";
   json["model"] = to_string(r.model, base.kind);
@@ -61,15 +57,31 @@ nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes
   json["coverage"] = r.coverage;
   json["decided_by"] = r.decided_by;
   json["stopped_by"] = r.stopped_by;
-  json["frame"] = {{"origin", to_json(Eigen::Vector3d(X_WB.translation()))},
-                   {"z", to_json(Eigen::Vector3d(X_WB.linear().col(2)))}};
+  json["frame"] = {{"origin", to_json(Eigen::Vector3d(base.X_WB.translation()))},
+                   {"z", to_json(Eigen::Vector3d(base.X_WB.linear().col(2)))}};
   if (base.spherical()) {
     json["band_rad"] = {r.phi_start_rad, r.phi_end_rad};
   } else {
     json["band_mm"] = {r.z_start_mm, r.z_end_mm};
   }
   json["cut_mm"] = {{"below", r.cut_below_mm}, {"above", r.cut_above_mm}};
-  json["size_mm"] = to_json(size_of(fit.function));
+}
+
+void put_heading(Json& json, const ResultNotes& notes) {
+  json["format"] = "celadon-report";
+  json["version"] = 1;
+  json["units"] = {{"length", "mm"}, {"angle", "rad"}, {"time", "s"}};
+  json["name"] = notes.name;
+  json["date"] = notes.date;
+  json["machine"] = notes.machine;
+  json["simulated"] = notes.simulated;
+}
+
+// What follows the surface: the same for every shape.
+void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const RangeFitReport& r,
+               const ResultNotes& notes) {
+  json["size_mm"] = to_json(size_of(pieces));
+  if (!notes.shape_reason.empty()) json["shape_reason"] = notes.shape_reason;
   Json warnings = Json::array();
   for (const std::string& text : r.warnings) warnings.push_back(text);
   for (const std::string& text : notes.warnings) warnings.push_back(text);
@@ -106,11 +118,51 @@ nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes
                         {"origin_sd_mm", own.origin_sd_mm},
                         {"inliers", own.inliers}};
   }
+}
+
+}  // namespace
+
+nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes) {
+  Json json;
+  put_heading(json, notes);
+  put_counts(json, fit.report);
+  put_surface(json, fit);
+  const RangeFunction* const piece = &fit.function;
+  put_notes(json, std::span(&piece, 1), fit.report, notes);
   return json;
 }
 
-std::string format_report(const RangeFit& fit, const ResultNotes& notes) {
-  return report_json(fit, notes).dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+nlohmann::ordered_json report_json(const CompositeFit& fit, const ResultNotes& notes) {
+  Json json;
+  put_heading(json, notes);
+  put_counts(json, fit.report);
+  json["base"] = "composite";
+  json["model"] = "composite";
+  json["noise_mm"] = fit.report.noise_mm;
+  json["kappa"] = fit.report.kappa;
+  json["residual_mm"] = to_json(fit.report.residual_mm);
+  json["geometric_mm"] = to_json(fit.report.geometric_mm);
+  json["coverage"] = fit.report.coverage;
+  std::vector<const RangeFunction*> ranges;
+  json["pieces"] = Json::array();
+  for (const RangeFit& fitted : fit.pieces) {
+    Json piece;
+    put_counts(piece, fitted.report);
+    put_surface(piece, fitted);
+    json["pieces"].push_back(std::move(piece));
+    ranges.push_back(&fitted.function);
+  }
+  const auto meeting = [](const Meeting& m) { return Json{{"gap_mm", m.gap_mm}, {"angle_rad", m.angle_rad}}; };
+  json["joints"] = Json::array();
+  for (const CompositeJoint& joint : fit.joints)
+    json["joints"].push_back(
+        {{"height_mm", joint.height_mm}, {"before", meeting(joint.before)}, {"after", meeting(joint.after)}});
+  put_notes(json, ranges, fit.report, notes);
+  return json;
+}
+
+std::string format_report(const nlohmann::ordered_json& report) {
+  return report.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 }  // namespace celadon

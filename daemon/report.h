@@ -3,12 +3,14 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include <nlohmann/json.hpp>
 
 #include "daemon/export/cad_client.h"
+#include "fitting/composite_fit.h"
 #include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
 
@@ -49,15 +51,18 @@ struct ResultNotes {
   std::optional<ScanCounters> scan;
   std::optional<ClosureError> closure_mm;
   std::optional<CadResult> solid;
+  std::string shape_reason;            ///< why this base was chosen; empty: as it was named
   std::optional<LocalFrame> own_axis;  ///< how the surface's frame was found, if it was looked for
 };
 
-/// Extent of the wall along x, y and z of the scanner frame, mm, to about 1e-4 of the size.
-Eigen::Vector3d size_of(const RangeFunction& range);
+/// Extent of the pieces of a body along x, y and z of the scanner frame, mm, to about 1e-4 of the size.
+Eigen::Vector3d size_of(std::span<const RangeFunction* const> pieces);
 
 /// The report as a JSON object, fields in the order of RESULTS.md.
 nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes);
-/// The same as the text of report.json.
-std::string format_report(const RangeFit& fit, const ResultNotes& notes);
+/// The same of a body of pieces.
+nlohmann::ordered_json report_json(const CompositeFit& fit, const ResultNotes& notes);
+/// The text of report.json.
+std::string format_report(const nlohmann::ordered_json& report);
 
 }  // namespace celadon

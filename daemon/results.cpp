@@ -39,10 +39,12 @@ std::string file_name(ResultFormat format, const std::string& name) {
   return "report.json";
 }
 
-std::string mesh_header(const ResultNotes& notes, double chord_mm, const BaseSurface& base) {
+std::string mesh_header(const ResultNotes& notes, double chord_mm, std::span<const RangeFunction* const> pieces) {
   char chord[32];
   std::snprintf(chord, sizeof chord, "%.4g", chord_mm);
-  const bool whole = base.spherical() && base.band_start == 0 && base.band_end == BaseSurface::kMeridianEnd;
+  const BaseSurface &lowest = pieces.front()->base(), &highest = pieces.back()->base();
+  const bool whole = lowest.spherical() && lowest.band_end == BaseSurface::kMeridianEnd && highest.spherical() &&
+                     highest.band_start == 0;
   return std::string(notes.simulated ? "SIMULATED " : "") + "celadon " + notes.name + ", mm, chord tolerance " + chord +
          " mm" + (whole ? "" : ", end discs assumed");
 }
@@ -121,7 +123,7 @@ std::optional<ResultFormat> result_format_of(const std::filesystem::path& file) 
   return std::nullopt;
 }
 
-tl::expected<void, ResultError> write_surface(const FittedSurface& fitted, ResultFormat format,
+tl::expected<void, ResultError> write_surface(std::span<const FittedSurface> pieces, ResultFormat format,
                                               const std::filesystem::path& file, ResultNotes& notes,
                                               const ResultOptions& options) {
   switch (format) {
@@ -131,30 +133,36 @@ tl::expected<void, ResultError> write_surface(const FittedSurface& fitted, Resul
       cad.name = notes.name;
       cad.simulated = notes.simulated;
       cad.date = notes.date;
-      auto solid = options.cad != nullptr ? options.cad->write_step(fitted.surface, file, cad)
-                                          : write_step(fitted.surface, file, cad);
+      std::vector<NurbsSurface> walls;
+      for (const FittedSurface& piece : pieces) walls.push_back(piece.surface);
+      auto solid =
+          options.cad != nullptr ? options.cad->write_step(walls, file, cad) : write_step(walls, file, cad);
       if (!solid) return tl::make_unexpected(ResultError{4, solid.error()});
       notes.solid = *solid;
       return {};
     }
     case ResultFormat::stl:
     case ResultFormat::ply: {
-      const double chord = options.chord_mm > 0 ? options.chord_mm : 1e-4 * size_of(fitted.function).maxCoeff();
-      const TriangleMesh mesh = mesh_of(fitted.function, chord);
-      const std::string header = mesh_header(notes, chord, fitted.function.base());
+      std::vector<const RangeFunction*> ranges;
+      for (const FittedSurface& piece : pieces) ranges.push_back(&piece.function);
+      const double chord = options.chord_mm > 0 ? options.chord_mm : 1e-4 * size_of(ranges).maxCoeff();
+      const TriangleMesh mesh = mesh_of(ranges, chord);
+      const std::string header = mesh_header(notes, chord, ranges);
       return put(file, format == ResultFormat::stl ? binary_stl(mesh, header) : binary_ply(mesh, header));
     }
-    case ResultFormat::surface_json:
-      return put(file, format_surface_json({fitted.function, fitted.surface, notes.name, notes.date, notes.simulated}));
+    case ResultFormat::surface_json: {
+      SurfaceFile surface{{}, notes.name, notes.date, notes.simulated};
+      for (const FittedSurface& piece : pieces) surface.pieces.push_back({piece.function, piece.surface});
+      return put(file, format_surface_json(surface));
+    }
     case ResultFormat::report_json:
       break;
   }
   throw std::invalid_argument("write_surface: a report is no surface; see write_report");
 }
 
-tl::expected<void, ResultError> write_report(const RangeFit& fit, const std::filesystem::path& file,
-                                             const ResultNotes& notes) {
-  return put(file, format_report(fit, notes));
+tl::expected<void, ResultError> write_report(const nlohmann::ordered_json& report, const std::filesystem::path& file) {
+  return put(file, format_report(report));
 }
 
 tl::expected<std::vector<std::string>, ResultError> write_results(
@@ -179,7 +187,7 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
     if (format == ResultFormat::report_json || std::find(formats.begin(), formats.end(), format) == formats.end())
       continue;
     names.push_back(file_name(format, notes.name));
-    if (auto written = write_surface(fitted, format, staging / names.back(), notes, options); !written) {
+    if (auto written = write_surface(std::span(&fitted, 1), format, staging / names.back(), notes, options); !written) {
       return tl::make_unexpected(written.error());
     }
     if (format == ResultFormat::step) {
@@ -193,7 +201,7 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
   if (!fit) return tl::make_unexpected(fit.error());
   notes.seconds.push_back({"errors", seconds_since(start)});
   names.push_back(file_name(ResultFormat::report_json, notes.name));
-  if (auto written = write_report(*fit, staging / names.back(), notes); !written) {
+  if (auto written = write_report(report_json(*fit, notes), staging / names.back()); !written) {
     return tl::make_unexpected(written.error());
   }
   if (const int failed = sync_folder(staging); failed != 0) return system_error("Syncing", staging, failed);

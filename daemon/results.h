@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -42,12 +43,13 @@ struct FittedSurface {
   const NurbsSurface& surface;
 };
 
-/// Writes one file: beside, synced, renamed. A STEP file sets notes.solid. @pre format is not report_json
-tl::expected<void, ResultError> write_surface(const FittedSurface& fitted, ResultFormat format,
+/// Writes one file of a body of pieces, bottom to top: beside, synced, renamed. A STEP file sets notes.solid.
+/// @pre format is not report_json; at least one piece
+tl::expected<void, ResultError> write_surface(std::span<const FittedSurface> pieces, ResultFormat format,
                                               const std::filesystem::path& file, ResultNotes& notes,
                                               const ResultOptions& options = {});
-tl::expected<void, ResultError> write_report(const RangeFit& fit, const std::filesystem::path& file,
-                                             const ResultNotes& notes);
+/// `report` as report_json() makes it.
+tl::expected<void, ResultError> write_report(const nlohmann::ordered_json& report, const std::filesystem::path& file);
 
 /// Writes the files of `formats` (STEP first) and report.json into `folder`, which must not exist and appears whole or
 /// not at all. `measured` gives the whole fit; it is asked for when the other files are there. Stages "step", "files"

@@ -14,6 +14,9 @@ namespace {
 
 using nlohmann::json;
 
+constexpr const char *kSurface = "celadon-surface", *kComposite = "celadon-composite";
+constexpr std::size_t kMostPieces = 16;
+
 // --- writing: own, because arrays of numbers want one row a line and exactly shortest decimals ---
 
 void put(std::string& out, double value) {
@@ -219,20 +222,11 @@ NurbsSurface read_surface(const Reader& field) {
   return s;
 }
 
-}  // namespace
-
-std::string format_surface_json(const SurfaceFile& file) {
-  const NurbsSurface& s = file.surface;
-  const RangeFunction& f = file.function;
+// The three members of a piece, without the brackets around them.
+void put_piece(std::string& out, const SurfacePiece& piece) {
+  const NurbsSurface& s = piece.surface;
+  const RangeFunction& f = piece.function;
   const BaseSurface& base = f.base();
-  std::string out;
-  out.reserve(static_cast<std::size_t>(s.control_points.cols()) * 90 + 4096);
-  out +=
-      "{\n  \"format\": \"celadon-surface\",\n  \"version\": 1,\n  \"units\": {\"length\": \"mm\", \"angle\": "
-      "\"rad\"},\n";
-  out += "  \"name\": " + quoted(file.name) + ",\n  \"date\": " + quoted(file.date) +
-         ",\n  \"simulated\": " + (file.simulated ? "true" : "false") + ",\n";
-
   out += "  \"surface\": {\n    \"degree_u\": " + std::to_string(s.degree_u) +
          ",\n    \"degree_v\": " + std::to_string(s.degree_v) +
          ",\n    \"closed_v\": " + (s.closed_v ? "true" : "false") + ",\n    \"knots_u\": ";
@@ -276,7 +270,37 @@ std::string format_surface_json(const SurfaceFile& file) {
     out += std::string(", \"") + axes[k] + "\": ";
     put_array(out, Eigen::Vector3d(base.X_WB.linear().col(k)));
   }
-  out += "}\n  }\n}\n";
+  out += "}\n  }\n";
+}
+
+SurfacePiece read_piece(const Reader& field) {
+  const BaseSurface base = read_base(field.at("base"));
+  return {read_function(field.at("range_function"), base), read_surface(field.at("surface"))};
+}
+
+}  // namespace
+
+std::string format_surface_json(const SurfaceFile& file) {
+  const bool one = file.pieces.size() == 1;
+  std::string out;
+  Eigen::Index points = 0;
+  for (const SurfacePiece& piece : file.pieces) points += piece.surface.control_points.cols();
+  out.reserve(static_cast<std::size_t>(points) * 90 + 4096);
+  out += std::string("{\n  \"format\": \"") + (one ? kSurface : kComposite) +
+         "\",\n  \"version\": 1,\n  \"units\": {\"length\": \"mm\", \"angle\": \"rad\"},\n";
+  out += "  \"name\": " + quoted(file.name) + ",\n  \"date\": " + quoted(file.date) +
+         ",\n  \"simulated\": " + (file.simulated ? "true" : "false") + ",\n";
+  if (one) {
+    put_piece(out, file.pieces.front());
+  } else {
+    out += "  \"pieces\": [";
+    for (std::size_t k = 0; k < file.pieces.size(); ++k) {
+      out += k == 0 ? "{\n" : "}, {\n";
+      put_piece(out, file.pieces[k]);
+    }
+    out += "}]\n";
+  }
+  out += "}\n";
   return out;
 }
 
@@ -294,13 +318,24 @@ tl::expected<SurfaceFile, std::string> parse_surface_json(const std::string& tex
   }
   try {
     const Reader reader(root, "");
-    if (reader.at("format").text() != "celadon-surface") reader.at("format").fail("is not \"celadon-surface\"");
+    const std::string format = reader.at("format").text();
+    if (format != kSurface && format != kComposite) {
+      reader.at("format").fail("is neither \"celadon-surface\" nor \"celadon-composite\"");
+    }
     if (reader.at("version").whole(0, 1'000'000) != 1) {
       reader.at("version").fail("is " + root["version"].dump() + "; this program reads version 1");
     }
-    const BaseSurface base = read_base(reader.at("base"));
-    return SurfaceFile{read_function(reader.at("range_function"), base), read_surface(reader.at("surface")),
-                       reader.at("name").text(), reader.at("date").text(), reader.at("simulated").boolean()};
+    SurfaceFile file{{}, reader.at("name").text(), reader.at("date").text(), reader.at("simulated").boolean()};
+    if (format == kSurface) {
+      file.pieces.push_back(read_piece(reader));
+      return file;
+    }
+    const Reader pieces = reader.at("pieces");
+    if (pieces.size() < 2 || pieces.size() > kMostPieces) {
+      pieces.fail("has " + std::to_string(pieces.size()) + " pieces, outside 2 .. " + std::to_string(kMostPieces));
+    }
+    for (std::size_t k = 0; k < pieces.size(); ++k) file.pieces.push_back(read_piece(pieces.at(k)));
+    return file;
   } catch (const Problem& p) {
     return problem(p.text);
   }

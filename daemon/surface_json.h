@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include <tl/expected.hpp>
 
@@ -11,10 +12,14 @@
 
 namespace celadon {
 
-/// All that surface.json holds.
-struct SurfaceFile {
+struct SurfacePiece {
   RangeFunction function;
   NurbsSurface surface;
+};
+
+/// All that surface.json holds.
+struct SurfaceFile {
+  std::vector<SurfacePiece> pieces;  ///< one, or those of a composite from bottom to top
   std::string name, date;
   bool simulated = false;
 };

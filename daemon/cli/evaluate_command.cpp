@@ -21,6 +21,7 @@ constexpr std::size_t kMostValues = 10'000'000;
 
 struct EvaluateArguments {
   std::string surface, angles = "0:10:350", heights, polar, output;
+  std::size_t piece = 1;
 };
 
 // "a,b,c" or "first:step:last"; nullopt when it is neither.
@@ -61,14 +62,19 @@ int evaluate(const EvaluateArguments& arguments) {
   const auto angles_deg = numbers_from(arguments.angles);
   if (!angles_deg)
     return fail(2, "--angles '" + arguments.angles + "' is neither a list a,b,c nor a range first:step:last");
-  const auto& base = file->function.base();
+  if (arguments.piece < 1 || arguments.piece > file->pieces.size()) {
+    return fail(2, "'" + arguments.surface + "' has no piece " + std::to_string(arguments.piece) + "; it has " +
+                       std::to_string(file->pieces.size()) + ", counted from below");
+  }
+  const RangeFunction& function = file->pieces[arguments.piece - 1].function;
+  const BaseSurface& base = function.base();
   // Along the base: heights in mm, on a sphere polar angles in degrees.
   const bool spherical = base.spherical();
   const std::string& asked = spherical ? arguments.polar : arguments.heights;
   const char* const option = spherical ? "--polar" : "--heights";
   if (!(spherical ? arguments.heights : arguments.polar).empty()) {
-    return fail(2, std::string("'") + arguments.surface + "' is over a " + (spherical ? "sphere" : "cylinder") +
-                       "; ask for points with " + option);
+    return fail(2, std::string("piece ") + std::to_string(arguments.piece) + " of '" + arguments.surface +
+                       "' is over a " + (spherical ? "sphere" : "cylinder") + "; ask for points with " + option);
   }
   constexpr double kDegrees = 180 / std::numbers::pi;
   const auto shown = [&](double along) {
@@ -107,10 +113,10 @@ int evaluate(const EvaluateArguments& arguments) {
                                     : BaseSurface::meridian().v_of_theta(place / kDegrees);
     for (const double angle : *angles_deg) {
       const double theta = angle * std::numbers::pi / 180;
-      const SurfacePoint point = file->function.surface_point(theta, z);
+      const SurfacePoint point = function.surface_point(theta, z);
       char row[512];
       std::snprintf(row, sizeof row, "%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", angle,
-                    place, file->function(theta, z), point.p_W.x(), point.p_W.y(), point.p_W.z(), point.normal_W.x(),
+                    place, function(theta, z), point.p_W.x(), point.p_W.y(), point.p_W.z(), point.normal_W.x(),
                     point.normal_W.y(), point.normal_W.z(), point.curvature_max, point.curvature_min);
       csv += row;
     }
@@ -138,6 +144,7 @@ void add_evaluate_command(CLI::App& program, Run& run) {
                       "heights in the surface's frame [mm], list or range; default: 21 over its band");
   command->add_option("--polar", arguments->polar,
                       "polar angles of a surface over a sphere [degrees], list or range; default: 21 over its band");
+  command->add_option("--piece", arguments->piece, "which piece of a composite, counted from below");
   command->add_option("-o,--output", arguments->output, "CSV file; default: standard output");
   command->callback([arguments, &run] { run = [arguments] { return evaluate(*arguments); }; });
 }

@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <chrono>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <span>
+#include <variant>
 
 #include <CLI/CLI.hpp>
 
@@ -16,9 +19,11 @@
 #include "daemon/report.h"
 #include "daemon/results.h"
 #include "daemon/usage_error.h"
+#include "fitting/composite_fit.h"
 #include "fitting/even_points.h"
 #include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
+#include "fitting/shape_choice.h"
 #include "fitting/spherical_stream.h"
 
 namespace celadon::cli {
@@ -29,7 +34,7 @@ struct FitArguments {
                      report;
   std::vector<std::string> outputs;
   double tolerance_mm = 0, form_tolerance_mm = -1, chord_mm = 0;
-  std::optional<double> centre_z_mm;
+  std::optional<double> centre_z_mm, split_above_mm, split_below_mm;
   std::vector<int> degree = {3, 3}, knots;
   bool ap214 = false, json = false;
 };
@@ -47,18 +52,17 @@ class StopWatch {
   std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
 };
 
-SurfaceModel model_from(const std::string& text, BaseKind base) {
+SurfaceModel model_from(const std::string& text) {
   for (const auto model :
        {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational, SurfaceModel::general}) {
-    if (text == to_string(model, base)) return model;
+    if (text == to_string(model) || text == to_string(model, BaseKind::sphere)) return model;
   }
   return SurfaceModel::automatic;
 }
 
 RangeFitOptions fit_options(const FitArguments& arguments) {
   RangeFitOptions options;
-  options.base = arguments.shape == "sphere" ? BaseKind::sphere : BaseKind::cylinder;
-  options.model = model_from(arguments.model, options.base);
+  options.model = model_from(arguments.model);
   options.tolerance_mm = arguments.tolerance_mm;
   if (arguments.form_tolerance_mm >= 0) options.form_tolerance_mm = arguments.form_tolerance_mm;
   options.degree_u = arguments.degree[0];
@@ -87,7 +91,7 @@ tl::expected<LocalFrame, std::string> own_frame(ProfileStream& samples) {
   return *frame;
 }
 
-// The fit of samples in a local frame as a surface in the frame outside.
+// A fit of samples in a local frame as a surface in the frame outside.
 void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL) {
   const RangeFunction& f = fitted.function;
   BaseSurface base = f.base();
@@ -96,10 +100,84 @@ void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL) {
   fitted.surface = symbolic_product(fitted.function);
 }
 
+// A fit of one piece or of several.
+struct BodyFit {
+  std::variant<RangeFit, CompositeFit> fit;
+  std::span<const RangeFit> pieces() const {
+    if (const auto* one = std::get_if<RangeFit>(&fit)) return {one, 1};
+    return std::get<CompositeFit>(fit).pieces;
+  }
+  nlohmann::ordered_json report(const ResultNotes& notes) const {
+    return std::visit([&](const auto& of) { return report_json(of, notes); }, fit);
+  }
+};
+
+// The shape as it was named, or as the samples want it; what was not named of it comes from the samples.
+tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, CloudFile& samples,
+                                                bool in_frame_of_file) {
+  ShapeChoice named;
+  const auto choose = [&](std::optional<BodyShape> wanted) -> tl::expected<ShapeChoice, std::string> {
+    auto choice = choose_shape(samples, wanted);
+    if (!choice) return tl::make_unexpected(choice.error().message);
+    return *choice;
+  };
+  if (arguments.shape == "auto") return choose(std::nullopt);
+  if (arguments.shape == "composite") {
+    named.shape = BodyShape::composite;
+    named.split = {.below_mm = arguments.split_below_mm, .above_mm = arguments.split_above_mm};
+    return named.split.below_mm || named.split.above_mm ? named : choose(BodyShape::composite);
+  }
+  if (arguments.shape == "sphere") {
+    named.shape = BodyShape::sphere;
+    const bool about_origin = samples.columns() == CloudColumns::spherical && in_frame_of_file;
+    named.centre_z_mm = arguments.centre_z_mm.value_or(about_origin ? 0 : centre_on_axis_mm(samples));
+    if (!std::isfinite(named.centre_z_mm))
+      return tl::make_unexpected("the samples lie at one height and show no centre; name one with --centre-z");
+  }
+  return named;
+}
+
+// In the frame outside; `lap` ends a stage.
+tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, RangeFitOptions options,
+                                             const Eigen::Isometry3d& X_WL,
+                                             const std::function<void(const char* stage)>& lap) {
+  if (shape.shape == BodyShape::composite) {
+    auto composite = fit_composite(samples, shape.split, options);
+    if (!composite) return tl::make_unexpected(composite.error().message);
+    for (RangeFit& piece : composite->pieces) place(piece, X_WL);
+    lap("fit");
+    return BodyFit{std::move(*composite)};
+  }
+  SphericalStream spherical(samples, shape.centre_z_mm);
+  const bool sphere = shape.shape == BodyShape::sphere;
+  ProfileStream& stream = sphere ? static_cast<ProfileStream&>(spherical) : samples;
+  options.base = sphere ? BaseKind::sphere : BaseKind::cylinder;
+  const auto grid = choose_grid(stream, options);
+  if (!grid) return tl::make_unexpected(grid.error().message);
+  lap("read");
+  MomentGrid sums(*grid);
+  FirstLook look(sums);
+  accumulate(stream, sums, look);
+  lap("accumulate");
+  ProfileStream* const whole[] = {&stream};
+  auto surface = fit_surface(sums, look, whole, options);
+  if (!surface) return tl::make_unexpected(surface.error().message);
+  RangeFit fitted = measure_errors(std::move(*surface), whole);
+  Eigen::Isometry3d X_WB = X_WL;
+  if (sphere) X_WB.translate(Eigen::Vector3d(0, 0, shape.centre_z_mm));
+  if (!X_WB.matrix().isIdentity(0)) place(fitted, X_WB);
+  lap("fit");
+  return BodyFit{std::move(fitted)};
+}
+
 // What the options say together; empty: nothing is wrong.
 std::string contradiction(const FitArguments& arguments) {
   const bool sphere = arguments.shape == "sphere";
+  const bool split = arguments.split_above_mm || arguments.split_below_mm;
   if (arguments.centre_z_mm && !sphere) return "--centre-z is for --shape sphere; leave it out or change the shape";
+  if (split && arguments.shape != "composite")
+    return "--split-above and --split-below are for --shape composite; leave them out or change the shape";
+  if (arguments.shape == "composite" || arguments.shape == "auto") return {};
   if (arguments.model == (sphere ? "cylinder" : "sphere"))
     return "--model " + arguments.model + " does not go with --shape " + arguments.shape + "; ask for --model " +
            arguments.shape;
@@ -149,40 +227,21 @@ int fit(const FitArguments& arguments) {
     notes.seconds.push_back({"axis", watch.lap()});
   }
 
-  const RangeFitOptions options = fit_options(arguments);
-  std::optional<SphericalStream> spherical;
-  double centre_z_mm = 0;
-  if (options.base == BaseKind::sphere) {
-    const bool about_origin = (*samples)->columns() == CloudColumns::spherical && !notes.own_axis;
-    centre_z_mm = arguments.centre_z_mm.value_or(about_origin ? 0 : centre_on_axis_mm(**samples));
-    if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
-    if (!std::isfinite(centre_z_mm)) {
-      return fail(
-          2, "'" + arguments.input + "': the samples lie at one height and show no centre; name one with --centre-z");
-    }
-    spherical.emplace(**samples, centre_z_mm);
-  }
-  ProfileStream& stream = spherical ? static_cast<ProfileStream&>(*spherical) : **samples;
-  const auto grid = choose_grid(stream, options);
+  const auto problem = [&](const std::string& why) { return fail(2, "'" + arguments.input + "': " + why); };
+  const auto shape = shape_of(arguments, **samples, !notes.own_axis);
   if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
-  if (!grid && (*samples)->skipped() > 0) {
-    return fail(2, "'" + arguments.input + "': " + grid.error().message + " (" + std::to_string((*samples)->skipped()) +
-                       " points have NaN or infinite coordinates and do not count)");
+  if (!shape) return problem(shape.error());
+  notes.shape_reason = shape->reason;
+  const auto lap = [&](const char* stage) { notes.seconds.push_back({stage, watch.lap()}); };
+  if (!shape->reason.empty()) lap("shape");
+  const Eigen::Isometry3d X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity();
+  auto fitted = fit_shape(*shape, **samples, fit_options(arguments), X_WL, lap);
+  if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
+  if (!fitted && (*samples)->skipped() > 0) {
+    return problem(fitted.error() + " (" + std::to_string((*samples)->skipped()) +
+                   " points have NaN or infinite coordinates and do not count)");
   }
-  if (!grid) return fail(2, "'" + arguments.input + "': " + grid.error().message);
-  notes.seconds.push_back({"read", watch.lap()});
-  MomentGrid sums(*grid);
-  FirstLook look(sums);
-  accumulate(stream, sums, look);
-  notes.seconds.push_back({"accumulate", watch.lap()});
-  ProfileStream* const whole[] = {&stream};
-  auto surface = fit_surface(sums, look, whole, options);
-  if (!surface) return fail(2, "'" + arguments.input + "': " + surface.error().message);
-  RangeFit fitted = measure_errors(std::move(*surface), whole);
-  Eigen::Isometry3d X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity();
-  if (spherical) X_WL.translate(Eigen::Vector3d(0, 0, centre_z_mm));
-  if (notes.own_axis || spherical) place(fitted, X_WL);
-  notes.seconds.push_back({"fit", watch.lap()});
+  if (!fitted) return problem(fitted.error());
 
   notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
   notes.date = arguments.date;
@@ -193,14 +252,15 @@ int fit(const FitArguments& arguments) {
   ResultOptions files;
   files.ap214 = arguments.ap214;
   files.chord_mm = arguments.chord_mm;
+  std::vector<FittedSurface> pieces;
+  for (const RangeFit& piece : fitted->pieces()) pieces.push_back({piece.function, piece.surface});
   for (const auto& [format, file] : outputs) {
-    const auto written = format == ResultFormat::report_json
-                             ? write_report(fitted, file, notes)
-                             : write_surface({fitted.function, fitted.surface}, format, file, notes, files);
+    const auto written = format == ResultFormat::report_json ? write_report(fitted->report(notes), file)
+                                                             : write_surface(pieces, format, file, notes, files);
     if (!written) return fail(written.error().exit_code, written.error().message);
     notes.seconds.push_back({to_string(format), watch.lap()});
   }
-  const auto report = report_json(fitted, notes);
+  const auto report = fitted->report(notes);
   if (arguments.json) {
     std::printf("%s\n", report.dump().c_str());
   } else {
@@ -227,7 +287,15 @@ void add_fit_command(CLI::App& program, Run& run) {
                    "files to write, by their endings: .step, .stl, .ply, .json (surface), report.json")
       ->expected(1, -1);
   command->add_option("--report", arguments->report, "write the report as JSON to this file");
-  command->add_option("--shape", arguments->shape, "base geometry")->check(CLI::IsMember({"cylinder", "sphere"}));
+  command
+      ->add_option("--shape", arguments->shape,
+                   "base geometry; composite: a body over a cylinder with heads over spheres; auto: what the samples ask "
+                   "for")
+      ->check(CLI::IsMember({"cylinder", "sphere", "composite", "auto"}));
+  command->add_option("--split-above", arguments->split_above_mm,
+                      "height at which a composite's body ends and its upper head begins [mm]; default: where the samples "
+                      "ask for it");
+  command->add_option("--split-below", arguments->split_below_mm, "the same of a lower head [mm]");
   command->add_option(
       "--centre-z", arguments->centre_z_mm,
       "height of the sphere's centre on the axis [mm]; default: where the samples lie best about it, 0 of\n"

@@ -27,6 +27,31 @@ std::string errors(const json& e) {
   return "rms " + length(e["rms"]) + ", 95 % below " + length(e["p95"]) + ", largest " + length(e["max"]);
 }
 
+constexpr double kDegrees = 180 / std::numbers::pi;
+
+std::string surface_line(const json& surface) {
+  return line("  surface     %s, degree (%d, %d), %d x %d control points",
+              surface["model"].get<std::string>().c_str(), surface["degree"][0].get<int>(),
+              surface["degree"][1].get<int>(), surface["control_points"][0].get<int>(),
+              surface["control_points"][1].get<int>());
+}
+
+std::string coverage_line(const json& surface) {
+  const double covered = 100 * surface["coverage"].get<double>();
+  if (surface.contains("band_rad")) {
+    return line("  coverage    %.1f %% of the band phi %.2f .. %.2f degrees", covered,
+                surface["band_rad"][0].get<double>() * kDegrees, surface["band_rad"][1].get<double>() * kDegrees);
+  }
+  return line("  coverage    %.1f %% of the band z %.2f .. %.2f mm", covered, surface["band_mm"][0].get<double>(),
+              surface["band_mm"][1].get<double>());
+}
+
+std::string joint_line(const json& joint) {
+  return line("  joint       z %.3f mm: tangent planes within %.2g degrees; alone the pieces met within %s and %.2g degrees",
+              joint["height_mm"].get<double>(), joint["after"]["angle_rad"].get<double>() * kDegrees,
+              length(joint["before"]["gap_mm"]).c_str(), joint["before"]["angle_rad"].get<double>() * kDegrees);
+}
+
 }  // namespace
 
 std::string summary_of(const json& report) {
@@ -34,32 +59,35 @@ std::string summary_of(const json& report) {
   const auto& size = report["size_mm"];
   text += line("  size        %.2f x %.2f x %.2f mm%s", size[0].get<double>(), size[1].get<double>(),
                size[2].get<double>(), report["simulated"].get<bool>() ? "  (simulated)" : "");
-  text += line("  surface     %s, degree (%d, %d), %d x %d control points", report["model"].get<std::string>().c_str(),
-               report["degree"][0].get<int>(), report["degree"][1].get<int>(), report["control_points"][0].get<int>(),
-               report["control_points"][1].get<int>());
+  const bool composite = report.contains("pieces");
+  if (composite) {
+    for (const auto& piece : report["pieces"]) text += surface_line(piece);
+  } else {
+    text += surface_line(report);
+  }
+  if (report.contains("shape_reason")) text += "  shape       " + report["shape_reason"].get<std::string>() + "\n";
   if (report.contains("own_axis")) {
-    const auto& origin = report["frame"]["origin"];
-    const auto& z = report["frame"]["z"];
+    const auto& frame = composite ? report["pieces"][0]["frame"] : report["frame"];
+    const auto& origin = frame["origin"];
+    const auto& z = frame["z"];
     text += line("  axis        through %.3f %.3f %.3f along %.5f %.5f %.5f", origin[0].get<double>(),
                  origin[1].get<double>(), origin[2].get<double>(), z[0].get<double>(), z[1].get<double>(),
                  z[2].get<double>());
     text += "              " + report["own_axis"]["reason"].get<std::string>() + "\n";
   }
-  text += line("  chosen      %s", report["decided_by"].get<std::string>().c_str());
+  if (!composite) text += line("  chosen      %s", report["decided_by"].get<std::string>().c_str());
+  if (composite)
+    for (const auto& joint : report["joints"]) text += joint_line(joint);
   text += line("  samples     %llu, of which %llu rejected and %.2f %% that no single-valued surface can follow",
                static_cast<unsigned long long>(report["points"]), static_cast<unsigned long long>(report["rejected"]),
                100.0 * report["unfollowable"].get<double>() / std::max(1.0, report["points"].get<double>()));
   text +=
       "  noise       " + length(report["noise_mm"]) + line(" (correlation factor %.2f)", report["kappa"].get<double>());
   text += "  fit error   " + errors(report["geometric_mm"]) + " (perpendicular)\n";
-  const double covered = 100 * report["coverage"].get<double>();
-  if (report.contains("band_rad")) {
-    constexpr double kDegrees = 180 / std::numbers::pi;
-    text += line("  coverage    %.1f %% of the band phi %.2f .. %.2f degrees", covered,
-                 report["band_rad"][0].get<double>() * kDegrees, report["band_rad"][1].get<double>() * kDegrees);
+  if (composite) {
+    for (const auto& piece : report["pieces"]) text += coverage_line(piece);
   } else {
-    text += line("  coverage    %.1f %% of the band z %.2f .. %.2f mm", covered, report["band_mm"][0].get<double>(),
-                 report["band_mm"][1].get<double>());
+    text += coverage_line(report);
   }
   if (report.contains("truth_mm") && report["truth_mm"].is_object()) {
     const auto& truth = report["truth_mm"];

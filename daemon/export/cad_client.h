@@ -13,6 +13,11 @@
 
 namespace celadon {
 
+/// One wall as the list of them. @pre the wall outlives what takes the list
+inline std::span<const NurbsSurface> single(const NurbsSurface& wall) {
+  return {&wall, 1};
+}
+
 struct CadOptions {
   bool ap214 = false;           ///< AP242 otherwise
   std::string name = "object";  ///< product name in the file, UTF-8

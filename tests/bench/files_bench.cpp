@@ -149,19 +149,19 @@ void solids(const testing::TemporaryFolder& scratch) {
     }
     return result.has_value();
   };
-  if (!report(write_step(wall, file, {}))) {
+  if (!report(write_step(single(wall), file, {}))) {
     return;
   }
   std::vector<double> cold;
   for (int run = 0; run < 9; ++run) {
-    cold.push_back(seconds([&] { report(write_step(wall, file, {})); }));
+    cold.push_back(seconds([&] { report(write_step(single(wall), file, {})); }));
     auto worker = CadWorker::start();
     // The scan that hides the start: work of this process while the helper gets ready.
     const auto start = std::chrono::steady_clock::now();
     while (std::chrono::steady_clock::now() - start < std::chrono::milliseconds(150)) {
       sink += std::sqrt(sink + run);
     }
-    warm.push_back(seconds([&] { report(worker->write_step(wall, file, {})); }));
+    warm.push_back(seconds([&] { report(worker->write_step(single(wall), file, {})); }));
   }
   std::printf("STEP of %d x %d control points (%ju bytes): cold %.0f ms, helper started ahead %.0f ms, ratio %.2f\n",
               wall.count_u(), wall.count_v(), static_cast<std::uintmax_t>(std::filesystem::file_size(file)),

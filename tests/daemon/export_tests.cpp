@@ -40,7 +40,7 @@ class Export : public ::testing::Test {
  protected:
   Written write(const NurbsSurface& wall, const CadOptions& options = {}) {
     const auto file = scratch_.path() / "body.step";
-    const auto result = write_step(wall, file, options);
+    const auto result = write_step(single(wall), file, options);
     if (!result) {
       throw std::runtime_error(result.error());
     }
@@ -50,7 +50,7 @@ class Export : public ::testing::Test {
   }
   std::string refusal(const NurbsSurface& wall) {
     const auto file = scratch_.path() / "refused.step";
-    const auto result = write_step(wall, file, {});
+    const auto result = write_step(single(wall), file, {});
     EXPECT_FALSE(std::filesystem::exists(file));
     return result ? "written" : result.error();
   }
@@ -291,7 +291,7 @@ TEST_F(Export, SameInputGivesTheSameBytes) {
   EXPECT_EQ(first, write(wall, options).text);
   auto worker = CadWorker::start();
   ASSERT_TRUE(worker) << worker.error();
-  ASSERT_TRUE(worker->write_step(wall, scratch_.path() / "warm.step", options));
+  ASSERT_TRUE(worker->write_step(single(wall), scratch_.path() / "warm.step", options));
   EXPECT_EQ(first, testing::read_file(scratch_.path() / "warm.step"));
 }
 
@@ -302,13 +302,13 @@ TEST_F(Export, WorkerServesAgainAndSurvivesTheEndOfItsProcess) {
   ASSERT_EQ(::kill(worker->pid(), SIGKILL), 0);
   const NurbsSurface wall = testing::cylinder(10, 20).surface();
   // The killed process may still look alive to the first call: then its end is reported, and the second call succeeds.
-  auto result = worker->write_step(wall, scratch_.path() / "a.step", {});
+  auto result = worker->write_step(single(wall), scratch_.path() / "a.step", {});
   if (!result) {
     EXPECT_THAT(result.error(), HasSubstr("signal 9"));
-    result = worker->write_step(wall, scratch_.path() / "a.step", {});
+    result = worker->write_step(single(wall), scratch_.path() / "a.step", {});
   }
   ASSERT_TRUE(result) << result.error();
-  const auto again = worker->write_step(wall, scratch_.path() / "b.step", {});
+  const auto again = worker->write_step(single(wall), scratch_.path() / "b.step", {});
   ASSERT_TRUE(again) << again.error();
   EXPECT_EQ(testing::read_file(scratch_.path() / "a.step"), testing::read_file(scratch_.path() / "b.step"));
 }
@@ -398,7 +398,7 @@ TEST_F(Export, BodiesOverASphere) {
 }
 
 TEST_F(Export, NamesTheFolderItCannotWriteTo) {
-  const auto result = write_step(testing::cylinder(10, 20).surface(), scratch_.path() / "missing" / "a.step", {});
+  const auto result = write_step(single(testing::cylinder(10, 20).surface()), scratch_.path() / "missing" / "a.step", {});
   ASSERT_FALSE(result);
   EXPECT_THAT(result.error(), HasSubstr("missing/a.step: No such file or directory; check the name and the folder"));
 }
@@ -411,11 +411,11 @@ TEST(CadProtocol, RequestsComeBackAsSent) {
   options.simulated = true;
   options.date = "2026";
   options.time_limit_s = 7;
-  const auto back = parse_step_request(step_request(wall, options));
+  const auto back = parse_step_request(step_request(single(wall), options));
   ASSERT_TRUE(back) << back.error();
-  EXPECT_EQ(back->wall.knots_u, wall.knots_u);
-  EXPECT_EQ(back->wall.knots_v, wall.knots_v);
-  EXPECT_EQ(back->wall.control_points, wall.control_points);
+  EXPECT_EQ(back->walls.at(0).knots_u, wall.knots_u);
+  EXPECT_EQ(back->walls.at(0).knots_v, wall.knots_v);
+  EXPECT_EQ(back->walls.at(0).control_points, wall.control_points);
   EXPECT_EQ(back->options.name, options.name);
   EXPECT_EQ(back->options.time_limit_s, 7);
   EXPECT_TRUE(back->options.ap214);
@@ -428,10 +428,10 @@ TEST(CadProtocol, RefusesWhatDoesNotAgree) {
   EXPECT_FALSE(decode_first_line("CELADON-CAD 2 10 18446744073709551615"));
   EXPECT_FALSE(decode_first_line("CELADON-CAD 2 10 1 "));
   EXPECT_TRUE(decode_first_line("CELADON-CAD 2 10 1"));
-  CadMessage message = step_request(testing::cylinder(1, 1).surface(), {});
+  CadMessage message = step_request(single(testing::cylinder(1, 1).surface()), {});
   message.payload.pop_back();
   EXPECT_THAT(parse_step_request(message).error(), HasSubstr("bytes in place of"));
-  message.head["degree"] = {1000000, 2};
+  message.head["walls"][0]["degree"] = {1000000, 2};
   EXPECT_THAT(parse_step_request(message).error(), HasSubstr("degree"));
   message.head = nlohmann::json::parse("[1]");
   EXPECT_FALSE(parse_step_request(message));

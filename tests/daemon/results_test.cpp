@@ -60,7 +60,7 @@ RangeFit sample_fit(double a = 30, double b = 1.0 / 3) {
 
 SurfaceFile sample_file() {
   const RangeFit fit = sample_fit();
-  return {fit.function, fit.surface, "vase \"1\"", "2026-01-02T03:04:05Z", true};
+  return {{{fit.function, fit.surface}}, "vase \"1\"", "2026-01-02T03:04:05Z", true};
 }
 
 TEST(SurfaceJson, EveryNumberComesBack) {
@@ -71,12 +71,12 @@ TEST(SurfaceJson, EveryNumberComesBack) {
   EXPECT_EQ(back->name, file.name);
   EXPECT_EQ(back->date, file.date);
   EXPECT_EQ(back->simulated, true);
-  EXPECT_EQ(back->function.coefficients(), file.function.coefficients());
-  EXPECT_EQ(back->function.knots_v(), file.function.knots_v());
-  EXPECT_EQ(back->surface.control_points, file.surface.control_points);
-  EXPECT_EQ(back->surface.knots_u, file.surface.knots_u);
-  EXPECT_EQ(back->surface.degree_v, file.surface.degree_v);
-  EXPECT_EQ(back->function.base().band_end, 65);
+  EXPECT_EQ(back->pieces.front().function.coefficients(), file.pieces.front().function.coefficients());
+  EXPECT_EQ(back->pieces.front().function.knots_v(), file.pieces.front().function.knots_v());
+  EXPECT_EQ(back->pieces.front().surface.control_points, file.pieces.front().surface.control_points);
+  EXPECT_EQ(back->pieces.front().surface.knots_u, file.pieces.front().surface.knots_u);
+  EXPECT_EQ(back->pieces.front().surface.degree_v, file.pieces.front().surface.degree_v);
+  EXPECT_EQ(back->pieces.front().function.base().band_end, 65);
   EXPECT_EQ(format_surface_json(*back), text);
 }
 
@@ -88,17 +88,40 @@ TEST(SurfaceJson, SpheresComeBackToo) {
   base.X_WB.translation() << 1, 2, 3;
   const RangeFunction whole(base, 0, 0, {0, 2}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
   for (const RangeFunction& f : {whole, whole.clipped(0.25, 1.75)}) {
-    const std::string text = format_surface_json({f, symbolic_product(f), "ball", "", false});
+    const std::string text = format_surface_json({{{f, symbolic_product(f)}}, "ball", "", false});
     const auto back = parse_surface_json(text, "surface.json");
     ASSERT_TRUE(back) << back.error();
-    EXPECT_TRUE(back->function.base().spherical());
-    EXPECT_EQ(back->function.base().band_start, f.base().band_start);
-    EXPECT_EQ(back->function.base().band_end, f.base().band_end);
+    EXPECT_TRUE(back->pieces.front().function.base().spherical());
+    EXPECT_EQ(back->pieces.front().function.base().band_start, f.base().band_start);
+    EXPECT_EQ(back->pieces.front().function.base().band_end, f.base().band_end);
     EXPECT_EQ(format_surface_json(*back), text);
     json damaged = json::parse(text);
     damaged["base"]["w_end"] = 2.5;
     EXPECT_NE(parse_surface_json(damaged.dump(), "s").error().find("base.w_end"), std::string::npos);
   }
+}
+
+TEST(SurfaceJson, PiecesComeBackInTheirOrder) {
+  SurfaceFile file = sample_file();
+  BaseSurface base;
+  base.kind = BaseKind::sphere;
+  base.band_end = 1;
+  base.X_WB.translation().z() = 65;
+  const RangeFunction dome(base, 0, 0, {0, 1}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 30));
+  file.pieces.push_back({dome, symbolic_product(dome)});
+  const std::string text = format_surface_json(file);
+  EXPECT_EQ(json::parse(text)["format"], "celadon-composite");
+  const auto back = parse_surface_json(text, "surface.json");
+  ASSERT_TRUE(back) << back.error();
+  ASSERT_EQ(back->pieces.size(), 2u);
+  EXPECT_FALSE(back->pieces[0].function.base().spherical());
+  EXPECT_EQ(back->pieces[1].function.base().X_WB.translation().z(), 65);
+  EXPECT_EQ(format_surface_json(*back), text);
+  json damaged = json::parse(text);
+  damaged["pieces"][1]["base"]["kind"] = "cone";
+  EXPECT_NE(parse_surface_json(damaged.dump(), "s").error().find("pieces[1].base.kind"), std::string::npos);
+  damaged["pieces"] = json::array();
+  EXPECT_NE(parse_surface_json(damaged.dump(), "s").error().find("pieces has 0 pieces"), std::string::npos);
 }
 
 TEST(SurfaceJson, HoldsWhatTheGrammarNames) {
@@ -160,10 +183,10 @@ RC_GTEST_PROP(SurfaceJson, DoublesAreExact, ()) {
   const auto x = std::bit_cast<double>(bits);
   RC_PRE(std::isfinite(x));
   SurfaceFile file = sample_file();
-  file.surface.control_points(0, 0) = x;
+  file.pieces.front().surface.control_points(0, 0) = x;
   const auto back = parse_surface_json(format_surface_json(file), "f");
   RC_ASSERT(back.has_value());
-  RC_ASSERT(std::bit_cast<std::uint64_t>(back->surface.control_points(0, 0)) == bits);
+  RC_ASSERT(std::bit_cast<std::uint64_t>(back->pieces.front().surface.control_points(0, 0)) == bits);
 }
 
 RC_GTEST_PROP(SurfaceJson, GarbledTextIsASentenceNotACrash, ()) {
@@ -186,7 +209,7 @@ TEST(Report, HasExactlyTheDocumentedFields) {
   notes.scan = ScanCounters{"sweep", 1200, 1230, 1, 2, 3, 4};
   notes.closure_mm = ClosureError{0.001, 0.02, 5000};
   notes.solid = CadResult{1234.5, true, 3};
-  const json j = json::parse(format_report(sample_fit(), notes));
+  const json j = json::parse(format_report(report_json(sample_fit(), notes)));
   std::set<std::string> names;
   for (const auto& [key, value] : j.items()) names.insert(key);
   EXPECT_EQ(names, (std::set<std::string>{
@@ -208,7 +231,7 @@ TEST(Report, HasExactlyTheDocumentedFields) {
   EXPECT_EQ(j["truth_mm"]["bias"], -0.001);
   EXPECT_NEAR(j["size_mm"][2].get<double>(), 60, 1e-9);
   EXPECT_NEAR(j["size_mm"][0].get<double>(), 61, 1);
-  const json plain = json::parse(format_report(sample_fit(), {}));
+  const json plain = json::parse(format_report(report_json(sample_fit(), {})));
   for (const char* name : {"truth_mm", "scan", "closure_mm", "solid"}) EXPECT_FALSE(plain.contains(name));
 }
 

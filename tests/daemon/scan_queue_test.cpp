@@ -104,7 +104,7 @@ double error_against(const FakeMachine& machine, const ScanRecord& record) {
   int n = 0;
   for (double z = 12; z < 95; z += 3.7) {
     for (double theta = 0.05; theta < 6.28; theta += 0.1) {
-      const double e = file->function(theta, z) - machine.shape(theta, z);
+      const double e = file->pieces.front().function(theta, z) - machine.shape(theta, z);
       squares += e * e;
       ++n;
     }
