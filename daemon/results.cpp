@@ -135,8 +135,7 @@ tl::expected<void, ResultError> write_surface(std::span<const FittedSurface> pie
       cad.date = notes.date;
       std::vector<NurbsSurface> walls;
       for (const FittedSurface& piece : pieces) walls.push_back(piece.surface);
-      auto solid =
-          options.cad != nullptr ? options.cad->write_step(walls, file, cad) : write_step(walls, file, cad);
+      auto solid = options.cad != nullptr ? options.cad->write_step(walls, file, cad) : write_step(walls, file, cad);
       if (!solid) return tl::make_unexpected(ResultError{4, solid.error()});
       notes.solid = *solid;
       return {};

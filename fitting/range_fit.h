@@ -34,15 +34,15 @@ struct RangeFitOptions {
   int degree_u = 3, degree_v = 3;           ///< of F, 1..5, for the directions that are not constant
   BaseArcs arcs = BaseArcs::full_circle();  ///< the whole turn, or the open range that is fitted
   double tolerance_mm = 0;                  ///< refine until the 95th percentile is below it; 0: until Cp stops falling
-  std::optional<double> form_tolerance_mm;  ///< delta of the model selection; default systematic_mm, else 1e-9 x size
+  std::optional<double> form_tolerance_mm{}; ///< delta of the model selection; default systematic_mm, else 1e-9 x size
   double systematic_mm = 0;                 ///< systematic uncertainty of the calibration
   JointContinuity continuity = JointContinuity::curvature;
   PoleRule pole_rule = PoleRule::jet;  ///< of closed poles of a sphere
   /// Fixed numbers of intervals instead of the data's choice (both or neither).
-  std::optional<int> z_intervals, intervals_per_arc;
+  std::optional<int> z_intervals{}, intervals_per_arc{};
   /// Coordinates along the base (z in mm, or w) at which the samples end but the object goes on: the surface reaches
   /// them if samples come near, and an error says so if not. Edges of the grid's cells.
-  std::optional<double> reach_start, reach_end;
+  std::optional<double> reach_start{}, reach_end{};
   bool robust = true;     ///< Tukey weights by the median absolute deviation
   bool smoothing = true;  ///< bending energy by Mallows' Cp
 };

@@ -30,6 +30,7 @@ constexpr double kSimplerFactor = 1.5, kSimplerMean = 0.01;
 // A split stays so far from both ends, as a share of the height; and goes to the centre of the sphere that its head's
 // samples lie on if that is as near.
 constexpr double kEndShare = 0.02, kCentreShare = 0.03;
+constexpr int kCentreRounds = 4;
 
 /// Places of the surface and their normals, in the cylinder's frame.
 struct Places {
@@ -112,12 +113,19 @@ tl::expected<Places, FitError> places_of(ProfileStream& samples) {
   return places;
 }
 
-// A split at the centre of the head's own sphere, where that is what the search meant.
+// A split at the centre of the head's own sphere, where that is what the search meant. The head's samples are those
+// above the split: a few rounds.
 double at_centre(ProfileStream& samples, double split, bool top, double height) {
   constexpr double inf = std::numeric_limits<double>::infinity();
-  WindowStream head(samples, top ? split : -inf, top ? inf : split);
-  const double centre = centre_on_axis_mm(head);
-  return std::abs(centre - split) <= kCentreShare * height ? centre : split;
+  double centre = split;
+  for (int round = 0; round < kCentreRounds; ++round) {
+    WindowStream head(samples, top ? centre : -inf, top ? inf : centre);
+    const double next = centre_on_axis_mm(head);
+    if (!(std::abs(next - split) <= kCentreShare * height)) return split;
+    if (next == centre) break;
+    centre = next;
+  }
+  return centre;
 }
 
 }  // namespace

@@ -288,13 +288,15 @@ void add_fit_command(CLI::App& program, Run& run) {
       ->expected(1, -1);
   command->add_option("--report", arguments->report, "write the report as JSON to this file");
   command
-      ->add_option("--shape", arguments->shape,
-                   "base geometry; composite: a body over a cylinder with heads over spheres; auto: what the samples ask "
-                   "for")
+      ->add_option(
+          "--shape", arguments->shape,
+          "base geometry; composite: a body over a cylinder with heads over spheres; auto: what the samples ask "
+          "for")
       ->check(CLI::IsMember({"cylinder", "sphere", "composite", "auto"}));
-  command->add_option("--split-above", arguments->split_above_mm,
-                      "height at which a composite's body ends and its upper head begins [mm]; default: where the samples "
-                      "ask for it");
+  command->add_option(
+      "--split-above", arguments->split_above_mm,
+      "height at which a composite's body ends and its upper head begins [mm]; default: where the samples "
+      "ask for it");
   command->add_option("--split-below", arguments->split_below_mm, "the same of a lower head [mm]");
   command->add_option(
       "--centre-z", arguments->centre_z_mm,

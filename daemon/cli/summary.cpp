@@ -30,9 +30,8 @@ std::string errors(const json& e) {
 constexpr double kDegrees = 180 / std::numbers::pi;
 
 std::string surface_line(const json& surface) {
-  return line("  surface     %s, degree (%d, %d), %d x %d control points",
-              surface["model"].get<std::string>().c_str(), surface["degree"][0].get<int>(),
-              surface["degree"][1].get<int>(), surface["control_points"][0].get<int>(),
+  return line("  surface     %s, degree (%d, %d), %d x %d control points", surface["model"].get<std::string>().c_str(),
+              surface["degree"][0].get<int>(), surface["degree"][1].get<int>(), surface["control_points"][0].get<int>(),
               surface["control_points"][1].get<int>());
 }
 
@@ -47,9 +46,10 @@ std::string coverage_line(const json& surface) {
 }
 
 std::string joint_line(const json& joint) {
-  return line("  joint       z %.3f mm: tangent planes within %.2g degrees; alone the pieces met within %s and %.2g degrees",
-              joint["height_mm"].get<double>(), joint["after"]["angle_rad"].get<double>() * kDegrees,
-              length(joint["before"]["gap_mm"]).c_str(), joint["before"]["angle_rad"].get<double>() * kDegrees);
+  return line(
+      "  joint       z %.3f mm: tangent planes within %.2g degrees; alone the pieces met within %s and %.2g degrees",
+      joint["height_mm"].get<double>(), joint["after"]["angle_rad"].get<double>() * kDegrees,
+      length(joint["before"]["gap_mm"]).c_str(), joint["before"]["angle_rad"].get<double>() * kDegrees);
 }
 
 }  // namespace

@@ -52,8 +52,8 @@ class CadWorker {
 
   /// As the function above. A worker serves one file and its process ends with it; asked again, or when the waiting
   /// process has been ended by somebody meanwhile, it starts another one.
-  tl::expected<CadResult, std::string> write_step(std::span<const NurbsSurface> walls, const std::filesystem::path& file,
-                                                  const CadOptions& options);
+  tl::expected<CadResult, std::string> write_step(std::span<const NurbsSurface> walls,
+                                                  const std::filesystem::path& file, const CadOptions& options);
   /// Process id of the helper that waits, or -1.
   pid_t pid() const { return pid_; }
 

@@ -97,7 +97,8 @@ CadMessage answer(const tl::expected<CadMessage, std::string>& message) {
     if (!text) {
       return failure(text.error());
     }
-    return {{{"volume_mm3", body->volume_mm3}, {"valid", true}, {"faces", body->walls.size() + body->caps.size()}}, std::move(*text)};
+    return {{{"volume_mm3", body->volume_mm3}, {"valid", true}, {"faces", body->walls.size() + body->caps.size()}},
+            std::move(*text)};
   } catch (const Standard_Failure& error) {
     return failure(std::string("OpenCASCADE: ") + error.DynamicType()->Name() + ": " + error.GetMessageString());
   }

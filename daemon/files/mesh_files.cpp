@@ -24,8 +24,7 @@ Rows rows_of(const RangeFunction& wall, const WallGrid& grid) {
   for (std::size_t i = 0; i < rows.size(); ++i) {
     for (std::size_t j = 0; j < grid.around(); ++j) {
       const double r = grid.r(i, j), theta = grid.theta_rad[j];
-      rows[i].push_back(wall.base().X_WB *
-                        Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta), grid.z_mm[i]));
+      rows[i].push_back(wall.base().X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta), grid.z_mm[i]));
     }
   }
   return rows;
@@ -110,8 +109,8 @@ TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_
     }
     const auto same_columns = [&](int) { return cut(grid.theta_rad, 1); };
     for (const RangeFunction* piece : pieces) {
-      Rows rows = piece->base().spherical() ? sphere_grid(*piece, same_columns, 1, chord_mm).rows
-                                            : rows_of(*piece, grid);
+      Rows rows =
+          piece->base().spherical() ? sphere_grid(*piece, same_columns, 1, chord_mm).rows : rows_of(*piece, grid);
       // The rim is the row of the piece below, too.
       const auto first = body.rows.empty() ? rows.begin() : rows.begin() + 1;
       body.rows.insert(body.rows.end(), std::make_move_iterator(first), std::make_move_iterator(rows.end()));

@@ -12,7 +12,8 @@ int main(int count, char** arguments) {
   }
   celadon::CadOptions options;
   options.time_limit_s = std::atoi(arguments[2]);
-  const auto result = celadon::write_step(celadon::single(celadon::testing::cylinder(10, 20).surface()), arguments[1], options);
+  const auto result =
+      celadon::write_step(celadon::single(celadon::testing::cylinder(10, 20).surface()), arguments[1], options);
   std::puts(result ? "written" : result.error().c_str());
   return result ? 0 : 1;
 }

@@ -38,9 +38,10 @@ struct Written {
 
 class Export : public ::testing::Test {
  protected:
-  Written write(const NurbsSurface& wall, const CadOptions& options = {}) {
+  Written write(const NurbsSurface& wall, const CadOptions& options = {}) { return write(single(wall), options); }
+  Written write(std::span<const NurbsSurface> walls, const CadOptions& options = {}) {
     const auto file = scratch_.path() / "body.step";
-    const auto result = write_step(single(wall), file, options);
+    const auto result = write_step(walls, file, options);
     if (!result) {
       throw std::runtime_error(result.error());
     }
@@ -48,9 +49,10 @@ class Export : public ::testing::Test {
     written.step = StepFile::parse(written.text);
     return written;
   }
-  std::string refusal(const NurbsSurface& wall) {
+  std::string refusal(const NurbsSurface& wall) { return refusal(single(wall)); }
+  std::string refusal(std::span<const NurbsSurface> walls) {
     const auto file = scratch_.path() / "refused.step";
-    const auto result = write_step(single(wall), file, {});
+    const auto result = write_step(walls, file, {});
     EXPECT_FALSE(std::filesystem::exists(file));
     return result ? "written" : result.error();
   }
@@ -397,8 +399,54 @@ TEST_F(Export, BodiesOverASphere) {
   EXPECT_THAT(fan.text, HasSubstr("discs at the ends assumed"));
 }
 
+// A dome of radius R whose rim lies at a height.
+NurbsSurface dome(double R, double height_mm, bool above) {
+  BaseSurface base;
+  base.kind = BaseKind::sphere;
+  base.band_start = above ? 0 : 1;
+  base.band_end = above ? 1 : 2;
+  base.X_WB.translation().z() = height_mm;
+  return symbolic_product(
+      RangeFunction(base, 0, 0, {base.band_start, base.band_end}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, R)));
+}
+
+// Walls that share their rims are one shell: every edge is used twice, once in either sense.
+TEST_F(Export, BodiesOfSeveralWalls) {
+  const double R = 25, height = 80, ball = 4.0 / 3 * std::numbers::pi * R * R * R;
+  const NurbsSurface wall = testing::cylinder(R, height).surface();
+  const std::vector<NurbsSurface> bullet = {wall, dome(R, height, true)},
+                                  capsule = {dome(R, 0, false), wall, dome(R, height, true)};
+  const Written one = write(bullet), two = write(capsule);
+  EXPECT_EQ(one.result.faces, 3);
+  EXPECT_EQ(two.result.faces, 3);
+  EXPECT_TRUE(one.result.valid && two.result.valid);
+  EXPECT_NEAR(one.result.volume_mm3, std::numbers::pi * R * R * height + ball / 2, 1e-4);
+  EXPECT_NEAR(two.result.volume_mm3, std::numbers::pi * R * R * height + ball, 1e-4);
+  EXPECT_THAT(one.text, HasSubstr("'bottom (assumed)'"));
+  EXPECT_THAT(two.text, Not(HasSubstr("assumed")));
+  for (const Written* written : {&one, &two}) {
+    EXPECT_THAT(written->text, HasSubstr("'body'"));
+    EXPECT_THAT(written->text, HasSubstr("'head'"));
+    const StepFile& step = written->step;
+    const auto& shell = step.at(step.only("CLOSED_SHELL")).records.front().arguments.at(1).list();
+    std::map<int, std::multiset<bool>> uses;
+    for (const auto& face : shell)
+      for (const auto& bound_reference : step.at(face.id()).record("ADVANCED_FACE").arguments.at(1).list()) {
+        const auto& bound = step.at(bound_reference.id()).records.front().arguments;
+        for (const auto& used : step.at(bound.at(1).id()).record("EDGE_LOOP").arguments.at(1).list()) {
+          const auto& oriented = step.at(used.id()).record("ORIENTED_EDGE").arguments;
+          uses[oriented.at(3).id()].insert(oriented.at(4).boolean() == bound.at(2).boolean());
+        }
+      }
+    for (const auto& [edge, senses] : uses) EXPECT_EQ(senses, (std::multiset<bool>{false, true})) << "edge #" << edge;
+  }
+  EXPECT_THAT(refusal(std::vector<NurbsSurface>{wall, dome(R + 0.01, height, true)}), HasSubstr("do not meet"));
+  EXPECT_THAT(refusal(std::vector<NurbsSurface>{wall, dome(R, height + 0.01, true)}), HasSubstr("do not meet"));
+}
+
 TEST_F(Export, NamesTheFolderItCannotWriteTo) {
-  const auto result = write_step(single(testing::cylinder(10, 20).surface()), scratch_.path() / "missing" / "a.step", {});
+  const auto result =
+      write_step(single(testing::cylinder(10, 20).surface()), scratch_.path() / "missing" / "a.step", {});
   ASSERT_FALSE(result);
   EXPECT_THAT(result.error(), HasSubstr("missing/a.step: No such file or directory; check the name and the folder"));
 }

@@ -141,6 +141,38 @@ TEST(MeshFiles, BodiesOverASphereAreClosedAndWithinTheirTolerance) {
   EXPECT_NEAR(triangles_of(mesh_of(ball, 0.005)).volume() / (4.0 / 3 * pi * 25 * 25 * 25), 1, 1e-3);
 }
 
+// A lobed wall under a dome with its rim, over an open bottom: against points of both exact surfaces.
+TEST(MeshFiles, PiecesShareTheirRims) {
+  const ClosedWall wall = testing::lobed(3, 6, 3, 50);
+  const RangeFunction body = range_of(wall);
+  BaseSurface base;
+  base.kind = BaseKind::sphere;
+  base.band_end = 1;
+  base.X_WB.translation().z() = body.base().band_end;
+  // The dome's rim is the body's; its rows shrink to a level pole.
+  Eigen::MatrixXd f(5, body.coefficients().cols());
+  for (int i = 0; i < 5; ++i)
+    f.row(i) = i == 4
+                   ? Eigen::MatrixXd(body.coefficients().bottomRows(1))
+                   : Eigen::MatrixXd(Eigen::MatrixXd::Constant(1, f.cols(), body.coefficients().bottomRows(1).mean()));
+  const RangeFunction head(base, 3, body.degree_v(), {0, 0, 0, 0, 0.5, 1, 1, 1, 1}, body.knots_v(), f);
+  const std::vector<const RangeFunction*> pieces = {&body, &head};
+  const double chord_mm = 0.05;
+  const Triangles triangles = triangles_of(mesh_of(pieces, chord_mm));
+  EXPECT_TRUE(triangles.watertight());
+  EXPECT_EQ(triangles.euler_characteristic(), 2);
+  EXPECT_LE(triangles.faces.size(), 200000u);
+  double worst = 0;
+  for (const RangeFunction* piece : pieces) {
+    const NurbsSurface surface = symbolic_product(*piece);
+    for (int i = 0; i <= 24; ++i)
+      for (int j = 0; j < 97; ++j)
+        worst = std::max(worst, triangles.distance(surface.evaluate(i / 24.0, 4 * (j + 0.37) / 97)));
+  }
+  EXPECT_LE(worst, chord_mm);
+  EXPECT_GT(triangles.volume(), wall.volume_mm3());
+}
+
 TEST(MeshFiles, FollowThePlacementOfTheBase) {
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.rotate(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, -1, 2).normalized()));

@@ -198,6 +198,50 @@ TEST(FitCommand, AxisAutoFindsAPartAnywhere) {
   EXPECT_NE(run({"celadon", "fit", input, "-o", folder / "d.step"}).exit_code, 0);
 }
 
+// A wall of radius 25 from 0 to 80 under half a ball: what the samples are is found, exactly.
+TEST(FitCommand, ShapeAutoFindsABodyWithAHead) {
+  std::mt19937 random(3);
+  std::uniform_real_distribution<double> turn(0, 2 * std::numbers::pi), share(0, 1);
+  std::string cloud;
+  char line[128];
+  for (int k = 0; k < 30000; ++k) {
+    const double t = turn(random), at = 105 * share(random), c = share(random);
+    const double r = at < 80 ? 25 : 25 * std::sqrt(1 - c * c), z = at < 80 ? at : 80 + 25 * c;
+    std::snprintf(line, sizeof line, "%.17g %.17g %.17g\n", r * std::cos(t), r * std::sin(t), z);
+    cloud += line;
+  }
+  const TemporaryFolder folder;
+  const auto input = folder.write("bullet.xyz", cloud);
+  const auto outcome = run({"celadon", "fit", input, "--shape", "auto", "-o", folder / "c.step", folder / "c.stl",
+                            folder / "surface.json", "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("shape       the axis sees"), std::string::npos) << outcome.out;
+  EXPECT_NE(outcome.out.find("joint       z 80.000"), std::string::npos) << outcome.out;
+  const json report = json::parse(read_file(folder / "r.json"));
+  EXPECT_EQ(report["base"], "composite");
+  EXPECT_EQ(report["points"], 30000);
+  ASSERT_EQ(report["pieces"].size(), 2u);
+  EXPECT_EQ(report["pieces"][0]["model"], "cylinder");
+  EXPECT_EQ(report["pieces"][1]["model"], "sphere");
+  EXPECT_NEAR(report["joints"][0]["height_mm"].get<double>(), 80, 1e-6);
+  EXPECT_LT(report["joints"][0]["after"]["angle_rad"].get<double>(), 1e-9);
+  EXPECT_EQ(report["solid"]["faces"], 3);
+  EXPECT_TRUE(report["solid"]["valid"].get<bool>());
+  const double z0 = report["pieces"][0]["band_mm"][0];
+  EXPECT_NEAR(report["solid"]["volume_mm3"].get<double>(),
+              std::numbers::pi * 625 * (80 - z0) + 2.0 / 3 * std::numbers::pi * 25 * 25 * 25, 0.01);
+  const auto top =
+      run({"celadon", "evaluate", folder / "surface.json", "--piece", "2", "--polar", "0,45", "--angles", "30"});
+  ASSERT_EQ(top.exit_code, 0) << top.err;
+  EXPECT_NE(top.out.find("30,0,2"), std::string::npos) << top.out;
+  const auto none = run({"celadon", "evaluate", folder / "surface.json", "--piece", "3"});
+  EXPECT_EQ(none.exit_code, 2);
+  EXPECT_NE(none.err.find("has no piece 3; it has 2"), std::string::npos) << none.err;
+  const auto wrong = run({"celadon", "fit", input, "--split-above", "80", "-o", folder / "d.step"});
+  EXPECT_EQ(wrong.exit_code, 2);
+  EXPECT_NE(wrong.err.find("--shape composite"), std::string::npos) << wrong.err;
+}
+
 TEST(FitCommand, SameInputGivesTheSameBytes) {
   const TemporaryFolder folder;
   const auto input = folder.write(
