@@ -221,7 +221,21 @@ Row on(const RangeFunction& f, const Row& row) {
   return Row::Constant(f.coefficients().cols(), row(0));
 }
 
-void meet(RangeFunction& body, RangeFunction& head, const Movers& moving, JointContinuity continuity) {
+// What a piece's value and slope at the rim are worth against each other's: they scatter with the number of functions
+// around, and as the inverse of the last interval along and its third power.
+struct Worth {
+  double value, slope;
+};
+Worth worth_of(const RangeFunction& f, bool at_end) {
+  const BaseSurface& base = f.base();
+  const double unit_mm = base.spherical() ? kPhiPerW * f.coefficients().mean() : 1;
+  const double h = f.degree_u() / std::abs(rim_rows(f, at_end).lever) * unit_mm;
+  const auto columns = static_cast<double>(f.coefficients().cols());
+  return {h / columns, h * h * h / columns};
+}
+
+void meet(RangeFunction& body, RangeFunction& head, const Movers& moving, const Worth& share,
+          JointContinuity continuity) {
   const bool end = rim_at_end(head);
   if (!along(body) && !around(body) && !along(head) && !around(head)) {
     // A cylinder and a sphere: one radius, weighted by their areas.
@@ -235,10 +249,11 @@ void meet(RangeFunction& body, RangeFunction& head, const Movers& moving, JointC
   const RangeFunction& like = moving.head ? head : body;
   const Row r = on(like, rim_of(body, end)), r_along = on(like, slope_of(body, end)), rho = on(like, rim_of(head, end)),
             rho_along = on(like, slope_of(head, end));
-  const Row rim = !moving.head ? rho : !moving.body ? r : Row((r + rho) / 2);
-  Row slope = r_along;
-  if (moving.body) slope = splines.combine(rho, rho_along, r_z);
-  if (moving.body && moving.head) slope = (slope + r_along) / 2;
+  Row rim = moving.head ? r : rho, slope = moving.body ? splines.combine(rho, rho_along, r_z) : r_along;
+  if (moving.body && moving.head) {
+    rim = share.value * r + (1 - share.value) * rho;
+    slope = share.slope * r_along + (1 - share.slope) * slope;
+  }
   if (moving.body) body = with_rim(body, end, rim, slope);
   if (moving.head) head = with_rim(head, end, rim, splines.combine(rim, slope, rho_w));
 }
@@ -280,11 +295,16 @@ JoinedPieces join(const RangeFunction& body, const RangeFunction& head, JointCon
   require_pieces(body, head);
   JoinedPieces joined{body, head};
   const Movers moving = movers(body, head);
+  Worth share{};  // of the body in what both become
+  if (moving.body && moving.head && along(body)) {
+    const Worth of_body = worth_of(body, rim_at_end(head)), of_head = worth_of(head, rim_at_end(head));
+    share = {of_body.value / (of_body.value + of_head.value), of_body.slope / (of_body.slope + of_head.slope)};
+  }
   prepare(joined.body, joined.head, moving);
   RangeFunction wide_body = joined.body, wide_head = joined.head;
   for (int refined = 0;; ++refined) {
     joined.body = wide_body, joined.head = wide_head;
-    meet(joined.body, joined.head, moving, continuity);
+    meet(joined.body, joined.head, moving, share, continuity);
     if (meeting(joined.body, joined.head).angle_rad <= kResolvedRad || refined == kMostRefinements ||
         !refine_around(wide_body, wide_head))
       return joined;

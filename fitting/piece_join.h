@@ -23,7 +23,7 @@ struct JoinedPieces {
 /// Changes the last two rows of coefficients at the rim so that both have the same rim and the same tangent planes on
 /// it: r = rho, r r_z = -rho_phi. The rim is equal to the bit; the tangent planes as far as a spline around can be the
 /// product of two, which knots are added for. What varies in more directions takes the whole change, so that an exact
-/// cylinder, sphere or revolution stays one; equals share it.
+/// cylinder, sphere or revolution stays one; of equals the stiffer keeps more of what it was.
 /// @pre both closed around, degrees along 2 and more where they are not constant, one frame but for the height; the
 /// head's band ends (a head on top) or starts (one below) on its equator, w = 1, the body's at the head's centre
 /// @throws std::invalid_argument otherwise

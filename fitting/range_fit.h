@@ -34,8 +34,8 @@ struct RangeFitOptions {
   int degree_u = 3, degree_v = 3;           ///< of F, 1..5, for the directions that are not constant
   BaseArcs arcs = BaseArcs::full_circle();  ///< the whole turn, or the open range that is fitted
   double tolerance_mm = 0;                  ///< refine until the 95th percentile is below it; 0: until Cp stops falling
-  std::optional<double> form_tolerance_mm{}; ///< delta of the model selection; default systematic_mm, else 1e-9 x size
-  double systematic_mm = 0;                 ///< systematic uncertainty of the calibration
+  std::optional<double> form_tolerance_mm{};  ///< delta of the model selection; default systematic_mm, else 1e-9 x size
+  double systematic_mm = 0;                   ///< systematic uncertainty of the calibration
   JointContinuity continuity = JointContinuity::curvature;
   PoleRule pole_rule = PoleRule::jet;  ///< of closed poles of a sphere
   /// Fixed numbers of intervals instead of the data's choice (both or neither).

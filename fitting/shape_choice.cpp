@@ -21,9 +21,9 @@ constexpr int kNormals = 4000, kHeights = 200;
 constexpr double kDegrees = 180 / std::numbers::pi;
 // Rays at more than this to the normal see little of the surface.
 const double kSteepCosine = std::cos(75 / kDegrees);
-// A base will do if it sees less than this share of the surface so; flat ends have normals within 3 degrees of the
-// axis.
-constexpr double kSteepShare = 0.01;
+// A base will do if it sees less than this share of the surface so, half the cap of a rod twenty times as long as wide.
+// Flat ends have normals within 3 degrees of the axis.
+constexpr double kSteepShare = 1e-3;
 constexpr double kFlatRad = 3 / kDegrees;
 // A sphere is simpler than two pieces: it may be worse by a half and by this mean of sin^2 psi.
 constexpr double kSimplerFactor = 1.5, kSimplerMean = 0.01;

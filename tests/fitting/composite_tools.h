@@ -29,7 +29,7 @@ inline PieceBody capsule(double R, double low, double high, bool head_below, boo
 /// Squeezed, with a wall that leans at the rim by `slope` and bends below it: tangent planes agree on the rim for every
 /// theta: r = R(theta) g(z), rho = R0 + a cos(2 theta) sin^2(phi) + c(theta, phi) cos(phi) with c = r r_z at the rim.
 struct Knob {
-  double R0 = 25, a = 2, slope = 0.3, bend = -4e-3, low = 0, high = 60, flat = 0.15;
+  double R0 = 25, a = 2, slope = 0.3, bend = -1e-3, low = 20, high = 60, flat = 0.15;
   double R(double theta) const { return R0 + a * std::cos(2 * theta); }
   PieceBody body() const {
     const Knob k = *this;

@@ -56,8 +56,8 @@ TEST(ShapeChoice, SplitsCapsulesAtTheCentresOfTheirHeads) {
       EXPECT_EQ(choice->shape, BodyShape::composite) << choice->reason;
       ASSERT_EQ(choice->split.below_mm.has_value(), below);
       ASSERT_EQ(choice->split.above_mm.has_value(), above);
-      if (below) EXPECT_NEAR(*choice->split.below_mm, 10, 0.01);
-      if (above) EXPECT_NEAR(*choice->split.above_mm, 110, 0.01);
+      EXPECT_NEAR(choice->split.below_mm.value_or(10), 10, 0.01);
+      EXPECT_NEAR(choice->split.above_mm.value_or(110), 110, 0.01);
     }
 }
 
