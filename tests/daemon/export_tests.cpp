@@ -420,8 +420,8 @@ TEST_F(Export, BodiesOfSeveralWalls) {
   EXPECT_EQ(one.result.faces, 3);
   EXPECT_EQ(two.result.faces, 3);
   EXPECT_TRUE(one.result.valid && two.result.valid);
-  EXPECT_NEAR(one.result.volume_mm3, std::numbers::pi * R * R * height + ball / 2, 1e-4);
-  EXPECT_NEAR(two.result.volume_mm3, std::numbers::pi * R * R * height + ball, 1e-4);
+  EXPECT_NEAR(one.result.volume_mm3 / (std::numbers::pi * R * R * height + ball / 2), 1, 2e-9);
+  EXPECT_NEAR(two.result.volume_mm3 / (std::numbers::pi * R * R * height + ball), 1, 2e-9);
   EXPECT_THAT(one.text, HasSubstr("'bottom (assumed)'"));
   EXPECT_THAT(two.text, Not(HasSubstr("assumed")));
   for (const Written* written : {&one, &two}) {
