@@ -118,6 +118,13 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
                         {"origin_sd_mm", own.origin_sd_mm},
                         {"inliers", own.inliers}};
   }
+  if (notes.about_scanner_axis) {
+    const RangeFitReport& there = *notes.about_scanner_axis;
+    json["about_scanner_axis"] = {{"model", to_string(there.model)},
+                                  {"degree", {there.degree_u, there.degree_v}},
+                                  {"control_points", {there.control_points_u, there.control_points_v}},
+                                  {"noise_mm", there.noise_mm}};
+  }
 }
 
 }  // namespace

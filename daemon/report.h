@@ -53,6 +53,8 @@ struct ResultNotes {
   std::optional<CadResult> solid;
   std::string shape_reason;            ///< why this base was chosen; empty: as it was named
   std::optional<LocalFrame> own_axis;  ///< how the surface's frame was found, if it was looked for
+  /// Of a part that stands off the scanner's axis: what it was about that one.
+  std::optional<RangeFitReport> about_scanner_axis;
 };
 
 /// Extent of the pieces of a body along x, y and z of the scanner frame, mm, to about 1e-4 of the size.

@@ -17,6 +17,7 @@
 #include "daemon/scan_capture.h"
 #include "daemon/scan_preparation.h"
 #include "daemon/thread_executor.h"
+#include "fitting/own_frame.h"
 #include "fitting/range_fit.h"
 
 namespace celadon {
@@ -239,9 +240,9 @@ tl::expected<SurfaceFit, ScanStop> solve(const MomentGrid& sums, const FirstLook
   return std::move(*fit);
 }
 
-/// Another pass over the log.
-tl::expected<RangeFit, ResultError> measure(SurfaceFit surface, const LogParts& log) {
-  RangeFit fit = measure_errors(std::move(surface), log.streams(), run_on_all_cores);
+/// Another pass over the log, in the frame that the surface was fitted in.
+tl::expected<RangeFit, ResultError> measure(SurfaceFit surface, ProfileParts samples, const LogParts& log) {
+  RangeFit fit = measure_errors(std::move(surface), samples, run_on_all_cores);
   if (const std::string error = log.error(); !error.empty()) return tl::make_unexpected(ResultError{4, error});
   return fit;
 }
@@ -363,6 +364,16 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   if (!samples) return tl::make_unexpected(samples.error());
   auto solved = solve(sums, look, *samples, options);
   if (!solved) return tl::make_unexpected(solved.error());
+  ProfileParts streams = samples->streams();
+  auto own = fit_in_own_frame(*solved, look, streams, options, run_on_all_cores);
+  if (const std::string error = samples->error(); !error.empty()) return failed(error);
+  if (own) {
+    notes.about_scanner_axis = solved->fit.report;
+    notes.own_axis = own->frame;
+    notes.warnings.insert(notes.warnings.end(), own->frame.warnings.begin(), own->frame.warnings.end());
+    solved = std::move(own->surface);
+    streams = own->samples.streams();
+  }
   clock.end("solve");
   if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
 
@@ -372,7 +383,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   const NurbsSurface surface = solved->fit.surface;
   if (auto warning = closure_warning(notes.closure_mm, solved->fit.report.noise_mm)) notes.warnings.push_back(*warning);
   notes.truth_mm = truth_error(function, truth);
-  auto measuring = std::async(std::launch::async, measure, std::move(*solved), std::cref(*samples));
+  auto measuring = std::async(std::launch::async, measure, std::move(*solved), streams, std::cref(*samples));
   std::vector<std::string> warnings;
   const auto measured = [&] {
     auto fit = measuring.get();

@@ -22,6 +22,7 @@
 #include "fitting/composite_fit.h"
 #include "fitting/even_points.h"
 #include "fitting/local_frame.h"
+#include "fitting/own_frame.h"
 #include "fitting/range_fit.h"
 #include "fitting/shape_choice.h"
 #include "fitting/spherical_stream.h"
@@ -30,13 +31,13 @@ namespace celadon::cli {
 namespace {
 
 struct FitArguments {
-  std::string input, axis = "z", unit = "mm", shape = "cylinder", model = "auto", space = "curvature", name, date,
+  std::string input, axis = "auto", unit = "mm", shape = "cylinder", model = "auto", space = "curvature", name, date,
                      report;
   std::vector<std::string> outputs;
   double tolerance_mm = 0, form_tolerance_mm = -1, chord_mm = 0;
   std::optional<double> centre_z_mm, split_above_mm, split_below_mm;
   std::vector<int> degree = {3, 3}, knots;
-  bool ap214 = false, json = false;
+  bool axis_named = false, ap214 = false, json = false;
 };
 
 class StopWatch {
@@ -91,6 +92,28 @@ tl::expected<LocalFrame, std::string> own_frame(ProfileStream& samples) {
   return *frame;
 }
 
+// The file's z axis, as far as the samples can tell.
+bool on_z(const LocalFrame& own) {
+  constexpr double kSigmas = 3, kRounding = 1e-6;
+  const Eigen::Vector3d k = own.X_SL.linear().col(2), o = own.X_SL.translation();
+  const double tilt = k.head<2>().norm(), beside = (o - k * (o.z() / std::max(k.z(), 0.5))).head<2>().norm();
+  return k.z() > 0 && (own.shape == FrameShape::sphere || tilt <= std::max(kRounding, kSigmas * own.axis_sd_rad)) &&
+         beside <= std::max(kRounding * std::max(1.0, o.norm()), kSigmas * own.origin_sd_mm);
+}
+
+// Why an axis that nobody asked for is not taken; empty: it is.
+std::string reason_for_z(const LocalFrame& own) {
+  constexpr double kInliers = 0.8, kAxisRad = 0.02;
+  char text[200] = "";
+  if (on_z(own)) return "the body's own axis is the same within its uncertainty";
+  const bool any_axis = own.shape == FrameShape::sphere;  // it has a centre
+  if (own.inliers < kInliers || own.shape == FrameShape::elliptic || (!any_axis && !(own.axis_sd_rad <= kAxisRad))) {
+    std::snprintf(text, sizeof text, "the body shows no axis of its own well enough (%s, %.0f %% of the points on it)",
+                  to_string(own.shape), 100 * own.inliers);
+  }
+  return text;
+}
+
 // A fit of samples in a local frame as a surface in the frame outside.
 void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL) {
   const RangeFunction& f = fitted.function;
@@ -139,7 +162,7 @@ tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, C
 
 // In the frame outside; `lap` ends a stage.
 tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, RangeFitOptions options,
-                                             const Eigen::Isometry3d& X_WL,
+                                             const Eigen::Isometry3d& X_WL, bool off_centre_rule, ResultNotes& notes,
                                              const std::function<void(const char* stage)>& lap) {
   if (shape.shape == BodyShape::composite) {
     auto composite = fit_composite(samples, shape.split, options);
@@ -162,6 +185,13 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
   ProfileStream* const whole[] = {&stream};
   auto surface = fit_surface(sums, look, whole, options);
   if (!surface) return tl::make_unexpected(surface.error().message);
+  if (auto own = off_centre_rule ? fit_in_own_frame(*surface, look, whole, options) : std::nullopt) {
+    notes.about_scanner_axis = surface->fit.report;
+    notes.own_axis = own->frame;
+    notes.warnings.insert(notes.warnings.end(), own->frame.warnings.begin(), own->frame.warnings.end());
+    lap("axis");
+    return BodyFit{measure_errors(std::move(own->surface), own->samples.streams())};
+  }
   RangeFit fitted = measure_errors(std::move(*surface), whole);
   Eigen::Isometry3d X_WB = X_WL;
   if (sphere) X_WB.translate(Eigen::Vector3d(0, 0, shape.centre_z_mm));
@@ -215,15 +245,20 @@ int fit(const FitArguments& arguments) {
   cloud.millimetres_per_unit = *unit;
   auto samples = open_cloud(arguments.input, cloud);
   if (!samples) return fail(2, samples.error().message);
-  if (arguments.axis == "auto") {
+  const bool native = (*samples)->columns() != CloudColumns::cartesian;
+  if (arguments.axis == "auto" && (arguments.axis_named || !native)) {
     const auto own = own_frame(**samples);
     if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
-    if (!own) return fail(2, "'" + arguments.input + "': " + own.error());
-    notes.own_axis = *own;
-    notes.warnings = own->warnings;
-    cloud.X_SF = own->X_SL.inverse();
-    samples = open_cloud(arguments.input, cloud);
-    if (!samples) return fail(2, samples.error().message);
+    if (!own && arguments.axis_named) return fail(2, "'" + arguments.input + "': " + own.error());
+    if (const std::string why = own ? reason_for_z(*own) : own.error(); arguments.axis_named || why.empty()) {
+      notes.own_axis = *own;
+      notes.warnings = own->warnings;
+      cloud.X_SF = own->X_SL.inverse();
+      samples = open_cloud(arguments.input, cloud);
+      if (!samples) return fail(2, samples.error().message);
+    } else if (!own || !on_z(*own)) {
+      notes.warnings.push_back("The axis is the file's z axis: " + why + ". Name another with --axis.");
+    }
     notes.seconds.push_back({"axis", watch.lap()});
   }
 
@@ -235,7 +270,7 @@ int fit(const FitArguments& arguments) {
   const auto lap = [&](const char* stage) { notes.seconds.push_back({stage, watch.lap()}); };
   if (!shape->reason.empty()) lap("shape");
   const Eigen::Isometry3d X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity();
-  auto fitted = fit_shape(*shape, **samples, fit_options(arguments), X_WL, lap);
+  auto fitted = fit_shape(*shape, **samples, fit_options(arguments), X_WL, native && !arguments.axis_named, notes, lap);
   if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
   if (!fitted && (*samples)->skipped() > 0) {
     return problem(fitted.error() + " (" + std::to_string((*samples)->skipped()) +
@@ -277,9 +312,9 @@ void add_fit_command(CLI::App& program, Run& run) {
   auto* command =
       program.add_subcommand("fit",
                              "Fit an exact NURBS surface to a point cloud (PLY, PCD, XYZ, CSV) or to native samples\n"
-                             "(CSV with the header r,theta,z or rho,phi,theta: mm and radians). The rotary axis must "
-                             "pass through the origin,\n"
-                             "unless --axis auto finds it.");
+                             "(CSV with the header r,theta,z or rho,phi,theta: mm and radians). The axis is the body's "
+                             "own;\n"
+                             "where it shows none, and if --axis names one, an axis of the file through its origin.");
   command->option_defaults()->always_capture_default();
   command->add_option("INPUT", arguments->input, "file to read")->required();
   command
@@ -305,8 +340,10 @@ void add_fit_command(CLI::App& program, Run& run) {
   command->add_option("--model", arguments->model, "how general the surface is")
       ->check(CLI::IsMember({"auto", "cylinder", "sphere", "revolution", "translational", "general"}));
   command
-      ->add_option("--axis", arguments->axis,
-                   "axis of the file that is the rotary axis; auto: the shape's own, wherever it is")
+      ->add_option(
+          "--axis", arguments->axis,
+          "axis of the file that is the rotary axis; auto: the shape's own, wherever it is (of native samples the\n"
+          "scanner's, unless the part is round about another; named, its own in any case)")
       ->check(CLI::IsMember({"x", "y", "z", "auto"}));
   command->add_option("--unit", arguments->unit, "unit of length of the file: um, mm, cm, m, in");
   command
@@ -335,7 +372,10 @@ void add_fit_command(CLI::App& program, Run& run) {
   command->add_option("--date", arguments->date, "date in the files, ISO 8601 UTC; default: none");
   command->add_flag("--ap214", arguments->ap214, "STEP AP214 instead of AP242");
   command->add_flag("--json", arguments->json, "print the report as one line of JSON instead of text");
-  command->callback([arguments, &run] { run = [arguments] { return fit(*arguments); }; });
+  command->callback([arguments, command, &run] {
+    arguments->axis_named = command->get_option("--axis")->count() > 0;
+    run = [arguments] { return fit(*arguments); };
+  });
 }
 
 }  // namespace celadon::cli

@@ -75,6 +75,12 @@ std::string summary_of(const json& report) {
                  z[2].get<double>());
     text += "              " + report["own_axis"]["reason"].get<std::string>() + "\n";
   }
+  if (report.contains("about_scanner_axis")) {
+    const auto& there = report["about_scanner_axis"];
+    text += line("              about the scanner's axis it would be %s with %d x %d control points",
+                 there["model"].get<std::string>().c_str(), there["control_points"][0].get<int>(),
+                 there["control_points"][1].get<int>());
+  }
   if (!composite) text += line("  chosen      %s", report["decided_by"].get<std::string>().c_str());
   if (composite)
     for (const auto& joint : report["joints"]) text += joint_line(joint);
