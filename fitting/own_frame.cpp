@@ -1,14 +1,19 @@
 #include "fitting/own_frame.h"
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <utility>
+
+#include "fitting/even_points.h"
 
 namespace celadon {
 namespace {
 
 constexpr std::size_t kPoints = 12000;
+// Sections that miss circles by more of their radius, RMS, are not those of a round body that leans a little.
+constexpr double kMostOfRadius = 0.01;
 // Of the points that local_frame() saw, so many lie on the shape it found.
 constexpr double kInliers = 0.8;
 constexpr int kHeights = 32, kAngles = 128;
@@ -17,19 +22,49 @@ bool is_round(SurfaceModel model) {
   return model == SurfaceModel::cylinder || model == SurfaceModel::revolution;
 }
 
-// Some of the look's samples, evenly, in the scanner's frame.
-Eigen::Matrix3Xd points_of(const FirstLook& look) {
-  const auto& samples = look.samples();
-  const std::size_t step = std::max<std::size_t>(1, samples.size() / kPoints),
-                    count = (samples.size() + step - 1) / step;
-  const BaseArcs& arcs = look.specification().arcs;
-  Eigen::Matrix3Xd points(3, static_cast<Eigen::Index>(count));
-  for (std::size_t k = 0; k < count; ++k) {
-    const SamplePoint& s = samples[k * step];
-    const double theta = arcs.theta_of_v(s.v);
-    points.col(static_cast<Eigen::Index>(k)) << s.r_mm * std::cos(theta), s.r_mm * std::sin(theta), s.z_mm;
+// The look's samples in the scanner's frame.
+class LookStream : public ProfileStream {
+ public:
+  explicit LookStream(const FirstLook& look) {
+    const BaseArcs& arcs = look.specification().arcs;
+    profile_.order = ProfileOrder::scattered;
+    for (const SamplePoint& s : look.samples()) {
+      profile_.r_mm.push_back(s.r_mm);
+      profile_.theta_rad.push_back(arcs.theta_of_v(s.v));
+      profile_.z_mm.push_back(s.z_mm);
+    }
   }
-  return points;
+  void rewind() override { read_ = false; }
+  const Profile* next() override { return std::exchange(read_, true) ? nullptr : &profile_; }
+
+ private:
+  Profile profile_;
+  bool read_ = false;
+};
+
+// Sections of a round body across an axis beside its own are circles, and nearly so if it leans.
+bool sections_are_circles(const RangeFunction& f) {
+  const BaseSurface& base = f.base();
+  double square = 0, radius = 0;
+  for (int i = 0; i < kHeights; ++i) {
+    const double z = base.band_start + (base.band_end - base.band_start) * (i + 0.5) / kHeights;
+    // x^2 + y^2 = 2 a x + 2 b y + c
+    Eigen::Matrix<double, kAngles, 3> place;
+    Eigen::Matrix<double, kAngles, 1> wanted;
+    for (int j = 0; j < kAngles; ++j) {
+      const double theta = 2 * std::numbers::pi * j / kAngles, r = f(theta, z);
+      place.row(j) << 2 * r * std::cos(theta), 2 * r * std::sin(theta), 1;
+      wanted(j) = r * r;
+    }
+    const Eigen::Vector3d circle = (place.transpose() * place).ldlt().solve(place.transpose() * wanted);
+    const double R = std::sqrt(std::max(0.0, circle(2) + circle.head<2>().squaredNorm()));
+    for (int j = 0; j < kAngles; ++j) {
+      const double miss = (place.row(j).head<2>().transpose() / 2 - circle.head<2>()).norm() - R;
+      square += miss * miss / (kHeights * kAngles);
+    }
+    radius += R / kHeights;
+  }
+  return std::sqrt(square) < kMostOfRadius * radius;
 }
 
 struct Refit {
@@ -83,6 +118,18 @@ Eigen::Isometry3d axis_of(const RangeFunction& f) {
   return X;
 }
 
+// The fit about that axis, and about what its first harmonic says the axis is, if one of them is round.
+std::optional<Refit> round_about(Eigen::Isometry3d& X_SL, ProfileParts parts, const RangeFitOptions& options,
+                                 const Executor& executor) {
+  auto fit = refit(X_SL, parts, options, executor);
+  if (fit && !is_round(fit->surface.fit.report.model)) {
+    X_SL = X_SL * axis_of(fit->surface.fit.function);
+    fit = refit(X_SL, parts, options, executor);
+  }
+  if (fit && !is_round(fit->surface.fit.report.model)) fit.reset();
+  return fit;
+}
+
 }  // namespace
 
 std::optional<OwnFrameFit> fit_in_own_frame(const SurfaceFit& in_scanner_frame, const FirstLook& look,
@@ -91,17 +138,22 @@ std::optional<OwnFrameFit> fit_in_own_frame(const SurfaceFit& in_scanner_frame, 
   if (options.model != SurfaceModel::automatic || options.base != BaseKind::cylinder || !options.arcs.closed() ||
       is_round(in_scanner_frame.fit.report.model))
     return std::nullopt;
-  auto frame = local_frame(points_of(look));
+  if (!sections_are_circles(in_scanner_frame.fit.function)) return std::nullopt;
+  LookStream some(look);
+  auto frame = local_frame(even_points(some, kPoints));
   if (!frame || frame->shape == FrameShape::elliptic || frame->inliers < kInliers) return std::nullopt;
   // Heights stay those over the table.
   const Eigen::Vector3d o = frame->X_SL.translation(), k = frame->X_SL.linear().col(2);
   if (k.z() > 0) frame->X_SL.translation() = o - k * (o.z() / k.z());
-  auto own = refit(frame->X_SL, parts, options, executor);
-  if (own && !is_round(own->surface.fit.report.model)) {
-    frame->X_SL = frame->X_SL * axis_of(own->surface.fit.function);
-    own = refit(frame->X_SL, parts, options, executor);
-  }
-  if (!own || !is_round(own->surface.fit.report.model)) return std::nullopt;
+  // On the sample first: it knows the axis better than local_frame(), and is quick to say no.
+  ProfileStream* const sample[] = {&some};
+  RangeFitOptions general = options;
+  general.model = SurfaceModel::general;
+  if (const auto fit = refit(frame->X_SL, sample, general, executor))
+    frame->X_SL = frame->X_SL * axis_of(fit->surface.fit.function);
+  if (!round_about(frame->X_SL, sample, options, executor)) return std::nullopt;
+  auto own = round_about(frame->X_SL, parts, options, executor);
+  if (!own) return std::nullopt;
   RangeFit& fit = own->surface.fit;
   const RangeFunction& f = fit.function;
   BaseSurface base = f.base();

@@ -18,8 +18,8 @@ struct OwnFrameFit {
 
 /// Refits a part about its own axis where that is simpler: where the fit in the scanner's frame is neither a cylinder
 /// nor a revolution, the model was left to the samples, and about the axis that local_frame() finds it is one or the
-/// other. The axis is refined by the first harmonic that a fit about it is left with; three passes over the parts at
-/// most, none if the points have no axis of their own.
+/// other. The axis is refined by the first harmonic that a fit about it is left with. Sections of the surface that are
+/// no circles, and fits to the look's samples alone, say no first: all samples are read only where a yes is likely.
 /// @param look over the same parts
 /// @return nullopt: the surface stays where it is
 std::optional<OwnFrameFit> fit_in_own_frame(const SurfaceFit& in_scanner_frame, const FirstLook& look,

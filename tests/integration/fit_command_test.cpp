@@ -195,7 +195,10 @@ TEST(FitCommand, AxisAutoFindsAPartAnywhere) {
   EXPECT_LT(low, 1);
   EXPECT_GT(high, 79);
   // Without it the file is no body around the origin's axis.
-  EXPECT_NE(run({"celadon", "fit", input, "-o", folder / "d.step"}).exit_code, 0);
+  EXPECT_NE(run({"celadon", "fit", input, "--axis", "z", "-o", folder / "d.step"}).exit_code, 0);
+  // It is what happens where no axis is named, too.
+  ASSERT_EQ(run({"celadon", "fit", input, "-o", folder / "e.step"}).exit_code, 0);
+  EXPECT_EQ(wall_of(folder / "e.step").points, wall.points);
 }
 
 // A wall of radius 25 from 0 to 80 under half a ball: what the samples are is found, exactly.
@@ -240,6 +243,37 @@ TEST(FitCommand, ShapeAutoFindsABodyWithAHead) {
   const auto wrong = run({"celadon", "fit", input, "--split-above", "80", "-o", folder / "d.step"});
   EXPECT_EQ(wrong.exit_code, 2);
   EXPECT_NE(wrong.err.find("--shape composite"), std::string::npos) << wrong.err;
+}
+
+// Native samples are the scanner's: a cylinder off its axis is one about its own, unless the axis is named.
+TEST(FitCommand, NativeSamplesOfAPartOffTheAxis) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> turn(0, 2 * std::numbers::pi), height(0, 80);
+  std::string samples = "r,theta,z\n";
+  char line[128];
+  for (int k = 0; k < 20000; ++k) {
+    const double t = turn(random), x = 6 + 25 * std::cos(t), y = 3 + 25 * std::sin(t);
+    std::snprintf(line, sizeof line, "%.17g,%.17g,%.17g\n", std::hypot(x, y), std::atan2(y, x), height(random));
+    samples += line;
+  }
+  const TemporaryFolder folder;
+  const auto input = folder.write("off.csv", samples);
+  const auto report_of = [&](std::vector<std::string> more) {
+    std::vector<std::string> command = {"celadon",        "fit", input, "-o", folder / "c.step", "--report",
+                                        folder / "r.json"};
+    command.insert(command.end(), more.begin(), more.end());
+    const auto outcome = run(command);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return json::parse(read_file(folder / "r.json"));
+  };
+  const json own = report_of({});
+  EXPECT_EQ(own["model"], "cylinder");
+  EXPECT_NEAR(own["frame"]["origin"][0].get<double>(), 6, 1e-6);
+  EXPECT_NEAR(own["frame"]["origin"][1].get<double>(), 3, 1e-6);
+  EXPECT_NE(own["about_scanner_axis"]["model"], "cylinder");
+  const json named = report_of({"--axis", "z"});
+  EXPECT_NE(named["model"], "cylinder");
+  EXPECT_FALSE(named.contains("own_axis"));
 }
 
 TEST(FitCommand, SameInputGivesTheSameBytes) {

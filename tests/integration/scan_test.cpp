@@ -73,6 +73,22 @@ TEST(Scan, StepModeSeesTheSameObject) {
   EXPECT_LT(report["truth_mm"]["max"], 0.05);
 }
 
+// The cylinder stands at (6, 3): about the table's axis it would be a general surface of many control points.
+TEST(Scan, APartOffTheAxisIsWhatItIsAboutItsOwn) {
+  const TemporaryFolder folder;
+  const auto outcome =
+      run({"celadon", "scan", "--simulate", "cylinder-off", "--profiles", "200", "-o", folder / "out"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json report = json::parse(read_file(folder / "out" / "report.json"));
+  EXPECT_EQ(report["model"], "cylinder") << report["decided_by"];
+  EXPECT_EQ(report["control_points"], json({2, 9}));
+  EXPECT_NEAR(report["frame"]["origin"][0].get<double>(), 6, 0.02);
+  EXPECT_NEAR(report["frame"]["origin"][1].get<double>(), 3, 0.02);
+  EXPECT_NE(report["about_scanner_axis"]["model"], "cylinder");
+  EXPECT_LT(report["truth_mm"]["max"], 0.05);
+  EXPECT_NE(outcome.out.find("about the scanner's axis it would be"), std::string::npos) << outcome.out;
+}
+
 TEST(Scan, SqueezedVaseIsGeneral) {
   const TemporaryFolder folder;
   const auto outcome =
