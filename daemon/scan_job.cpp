@@ -220,13 +220,9 @@ tl::expected<void, ScanStop> widen_band(const std::filesystem::path& file, const
   if (!log) return failed(log.error().message);
   auto grid = choose_grid(**log, options);
   if (!grid) return failed(grid.error().message, ScanFailure::data);
-  sums = MomentGrid(*grid);
-  look = FirstLook(sums);
-  (*log)->rewind();
-  while (const Profile* p = (*log)->next()) {
-    sums.add(p->r_mm, p->theta_rad, p->z_mm);
-    look.add(*p);
-  }
+  GatheredSamples gathered = gather(**log, *grid);
+  sums = std::move(gathered.sums);
+  look = std::move(gathered.look);
   if (!(*log)->error().empty()) return failed((*log)->error());
   return {};
 }

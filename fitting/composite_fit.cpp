@@ -48,15 +48,9 @@ class Piece {
     } else {
       (split.above_mm == centre_mm_ ? options.reach_end : options.reach_start) = kEquator;
     }
-    MomentGrid sums(*grid);
-    FirstLook look(sums);
-    stream().rewind();
-    while (const Profile* profile = stream().next()) {
-      sums.add(profile->r_mm, profile->theta_rad, profile->z_mm);
-      look.add(*profile);
-    }
+    const GatheredSamples gathered = gather(stream(), *grid);
     ProfileStream* const whole[] = {&stream()};
-    auto fitted = fit_surface(sums, look, whole, options);
+    auto fitted = fit_surface(gathered.sums, gathered.look, whole, options);
     if (!fitted) return named(fitted.error());
     if (base_ == BaseKind::sphere) {
       const RangeFunction& f = fitted->fit.function;

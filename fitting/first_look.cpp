@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace celadon {
 
@@ -22,6 +23,17 @@ void FirstLook::add(const Profile& profile) {
     samples_.add([&] { return SamplePoint{r, v_[k], z}; });
     extents_.add(v_[k], z);
   }
+}
+
+GatheredSamples gather(ProfileStream& samples, const GridSpecification& grid) {
+  MomentGrid sums(grid);
+  FirstLook look(sums);
+  samples.rewind();
+  while (const Profile* profile = samples.next()) {
+    sums.add(profile->r_mm, profile->theta_rad, profile->z_mm);
+    look.add(*profile);
+  }
+  return {std::move(sums), std::move(look)};
 }
 
 }  // namespace celadon

@@ -44,4 +44,13 @@ class FirstLook {
   std::vector<double> v_;
 };
 
+/// What a fit starts from.
+struct GatheredSamples {
+  MomentGrid sums;
+  FirstLook look;
+};
+
+/// One pass over a stream. @pre its samples are over the grid's base
+GatheredSamples gather(ProfileStream& samples, const GridSpecification& grid);
+
 }  // namespace celadon

@@ -78,14 +78,8 @@ std::optional<Refit> refit(const Eigen::Isometry3d& X_SL, ProfileParts parts, co
   JoinedStream all(moved.streams());
   const auto grid = choose_grid(all, options);
   if (!grid) return std::nullopt;
-  MomentGrid sums(*grid);
-  FirstLook look(sums);
-  all.rewind();
-  while (const Profile* profile = all.next()) {
-    sums.add(profile->r_mm, profile->theta_rad, profile->z_mm);
-    look.add(*profile);
-  }
-  auto surface = fit_surface(sums, look, moved.streams(), options, executor);
+  const GatheredSamples gathered = gather(all, *grid);
+  auto surface = fit_surface(gathered.sums, gathered.look, moved.streams(), options, executor);
   if (!surface) return std::nullopt;
   return Refit{std::move(*surface), std::move(moved)};
 }

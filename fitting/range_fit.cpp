@@ -360,4 +360,14 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
   return measure_errors(std::move(*surface), whole);
 }
 
+tl::expected<RangeFit, FitError> fit_samples(ProfileStream& profiles, const RangeFitOptions& options) {
+  const auto grid = choose_grid(profiles, options);
+  if (!grid) return tl::unexpected(grid.error());
+  const GatheredSamples gathered = gather(profiles, *grid);
+  ProfileStream* const whole[] = {&profiles};
+  auto surface = fit_surface(gathered.sums, gathered.look, whole, options);
+  if (!surface) return tl::unexpected(surface.error());
+  return measure_errors(std::move(*surface), whole);
+}
+
 }  // namespace celadon

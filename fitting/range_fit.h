@@ -120,6 +120,9 @@ tl::expected<RangeFit, FitError> fit_range(const MomentGrid& sums, ProfileStream
                                            const RangeFitOptions& options = {},
                                            const std::function<void(const char* stage)>& stage = {});
 
+/// All of it, from a stream alone: the grid, the sums, both of the above.
+tl::expected<RangeFit, FitError> fit_samples(ProfileStream& profiles, const RangeFitOptions& options = {});
+
 /// From finished sums alone (no pass over the samples): quick preview and running fit error while scanning.
 /// The residuals in its report are those the moments resolve (RMS only).
 tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFitOptions& options = {});

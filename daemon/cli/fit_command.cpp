@@ -76,15 +76,6 @@ RangeFitOptions fit_options(const FitArguments& arguments) {
   return options;
 }
 
-// One pass over the file.
-void accumulate(ProfileStream& samples, MomentGrid& sums, FirstLook& look) {
-  samples.rewind();
-  while (const Profile* profile = samples.next()) {
-    sums.add(profile->r_mm, profile->theta_rad, profile->z_mm);
-    look.add(*profile);
-  }
-}
-
 // From an even sample of the file, in the file's frame.
 tl::expected<LocalFrame, std::string> own_frame(ProfileStream& samples) {
   auto frame = local_frame(even_points(samples, 12000));
@@ -178,14 +169,12 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
   const auto grid = choose_grid(stream, options);
   if (!grid) return tl::make_unexpected(grid.error().message);
   lap("read");
-  MomentGrid sums(*grid);
-  FirstLook look(sums);
-  accumulate(stream, sums, look);
+  const GatheredSamples gathered = gather(stream, *grid);
   lap("accumulate");
   ProfileStream* const whole[] = {&stream};
-  auto surface = fit_surface(sums, look, whole, options);
+  auto surface = fit_surface(gathered.sums, gathered.look, whole, options);
   if (!surface) return tl::make_unexpected(surface.error().message);
-  if (auto own = off_centre_rule ? fit_in_own_frame(*surface, look, whole, options) : std::nullopt) {
+  if (auto own = off_centre_rule ? fit_in_own_frame(*surface, gathered.look, whole, options) : std::nullopt) {
     notes.about_scanner_axis = surface->fit.report;
     notes.own_axis = own->frame;
     notes.warnings.insert(notes.warnings.end(), own->frame.warnings.begin(), own->frame.warnings.end());
