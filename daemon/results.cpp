@@ -10,14 +10,15 @@
 #include <system_error>
 
 #include "daemon/files/atomic_file.h"
+#include "daemon/files/error_picture.h"
 #include "daemon/files/mesh_files.h"
 #include "daemon/surface_json.h"
 
 namespace celadon {
 namespace {
 
-constexpr ResultFormat kFormats[] = {ResultFormat::step, ResultFormat::stl, ResultFormat::ply,
-                                     ResultFormat::surface_json, ResultFormat::report_json};
+constexpr ResultFormat kFormats[] = {ResultFormat::step,         ResultFormat::stl,        ResultFormat::ply,
+                                     ResultFormat::surface_json, ResultFormat::errors_svg, ResultFormat::report_json};
 
 double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -33,6 +34,8 @@ std::string file_name(ResultFormat format, const std::string& name) {
       return name + ".ply";
     case ResultFormat::surface_json:
       return "surface.json";
+    case ResultFormat::errors_svg:
+      return "errors.svg";
     case ResultFormat::report_json:
       break;
   }
@@ -100,6 +103,8 @@ const char* to_string(ResultFormat format) {
       return "ply";
     case ResultFormat::surface_json:
       return "surface.json";
+    case ResultFormat::errors_svg:
+      return "errors.svg";
     case ResultFormat::report_json:
       break;
   }
@@ -118,6 +123,7 @@ std::optional<ResultFormat> result_format_of(const std::filesystem::path& file) 
   if (extension == ".step" || extension == ".stp") return ResultFormat::step;
   if (extension == ".stl") return ResultFormat::stl;
   if (extension == ".ply") return ResultFormat::ply;
+  if (extension == ".svg") return ResultFormat::errors_svg;
   if (name == "report.json" || name.ends_with(".report.json")) return ResultFormat::report_json;
   if (extension == ".json") return ResultFormat::surface_json;
   return std::nullopt;
@@ -154,10 +160,26 @@ tl::expected<void, ResultError> write_surface(std::span<const FittedSurface> pie
       for (const FittedSurface& piece : pieces) surface.pieces.push_back({piece.function, piece.surface});
       return put(file, format_surface_json(surface));
     }
+    case ResultFormat::errors_svg:
     case ResultFormat::report_json:
       break;
   }
-  throw std::invalid_argument("write_surface: a report is no surface; see write_report");
+  throw std::invalid_argument("write_surface: errors and reports are no surfaces; see write_errors, write_report");
+}
+
+tl::expected<void, ResultError> write_errors(std::span<const RangeFit> pieces, const nlohmann::ordered_json& report,
+                                             const std::filesystem::path& file) {
+  std::vector<PieceErrors> errors;
+  for (const RangeFit& piece : pieces) errors.push_back({piece.function.base(), piece.geometric_errors});
+  const auto& e = report["geometric_mm"];
+  char caption[240];
+  std::snprintf(
+      caption, sizeof caption,
+      "mean distance of the samples from the surface, outward positive; samples: rms %.3g mm, 95 %% below %.3g mm",
+      e["rms"].get<double>(), e["p95"].get<double>());
+  const std::string title = (report["simulated"].get<bool>() ? "SIMULATED: " : "") + report["name"].get<std::string>() +
+                            ", " + report["model"].get<std::string>();
+  return put(file, error_picture(errors, title, caption));
 }
 
 tl::expected<void, ResultError> write_report(const nlohmann::ordered_json& report, const std::filesystem::path& file) {
@@ -183,7 +205,7 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
   std::vector<std::string> names;
   auto start = std::chrono::steady_clock::now();
   for (const ResultFormat format : kFormats) {  // in this order: the CAD file is what is waited for
-    if (format == ResultFormat::report_json || std::find(formats.begin(), formats.end(), format) == formats.end())
+    if (format >= ResultFormat::errors_svg || std::find(formats.begin(), formats.end(), format) == formats.end())
       continue;
     names.push_back(file_name(format, notes.name));
     if (auto written = write_surface(std::span(&fitted, 1), format, staging / names.back(), notes, options); !written) {
@@ -199,8 +221,13 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
   auto fit = measured();
   if (!fit) return tl::make_unexpected(fit.error());
   notes.seconds.push_back({"errors", seconds_since(start)});
+  const auto report = report_json(*fit, notes);
+  names.push_back(file_name(ResultFormat::errors_svg, notes.name));
+  if (auto written = write_errors(std::span(&*fit, 1), report, staging / names.back()); !written) {
+    return tl::make_unexpected(written.error());
+  }
   names.push_back(file_name(ResultFormat::report_json, notes.name));
-  if (auto written = write_report(report_json(*fit, notes), staging / names.back()); !written) {
+  if (auto written = write_report(report, staging / names.back()); !written) {
     return tl::make_unexpected(written.error());
   }
   if (const int failed = sync_folder(staging); failed != 0) return system_error("Syncing", staging, failed);

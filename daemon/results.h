@@ -17,12 +17,12 @@
 
 namespace celadon {
 
-enum class ResultFormat { step, stl, ply, surface_json, report_json };
+enum class ResultFormat { step, stl, ply, surface_json, errors_svg, report_json };
 
-/// "step", "stl", "ply", "surface.json", "report.json".
+/// "step", "stl", "ply", "surface.json", "errors.svg", "report.json".
 const char* to_string(ResultFormat format);
 std::optional<ResultFormat> result_format_from(std::string_view text);
-/// By the end of a file name: .step .stp .stl .ply; report.json and *.report.json; any other .json is a surface.
+/// By the end of a file name: .step .stp .stl .ply .svg; report.json and *.report.json; any other .json is a surface.
 std::optional<ResultFormat> result_format_of(const std::filesystem::path& file);
 
 struct ResultOptions {
@@ -44,10 +44,13 @@ struct FittedSurface {
 };
 
 /// Writes one file of a body of pieces, bottom to top: beside, synced, renamed. A STEP file sets notes.solid.
-/// @pre format is not report_json; at least one piece
+/// @pre format is neither errors_svg nor report_json; at least one piece
 tl::expected<void, ResultError> write_surface(std::span<const FittedSurface> pieces, ResultFormat format,
                                               const std::filesystem::path& file, ResultNotes& notes,
                                               const ResultOptions& options = {});
+/// The picture of measured errors, pieces bottom to top. `report` as report_json() makes it: of the whole body.
+tl::expected<void, ResultError> write_errors(std::span<const RangeFit> pieces, const nlohmann::ordered_json& report,
+                                             const std::filesystem::path& file);
 /// `report` as report_json() makes it.
 tl::expected<void, ResultError> write_report(const nlohmann::ordered_json& report, const std::filesystem::path& file);
 

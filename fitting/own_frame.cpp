@@ -15,12 +15,8 @@ constexpr std::size_t kPoints = 12000;
 // Sections that miss circles by more of their radius, RMS, are not those of a round body that leans a little.
 constexpr double kMostOfRadius = 0.01;
 // Of the points that local_frame() saw, so many lie on the shape it found.
-constexpr double kInliers = 0.8;
+constexpr double kInliers = 0.6;
 constexpr int kHeights = 32, kAngles = 128;
-
-bool is_round(SurfaceModel model) {
-  return model == SurfaceModel::cylinder || model == SurfaceModel::revolution;
-}
 
 // The look's samples in the scanner's frame.
 class LookStream : public ProfileStream {
@@ -125,6 +121,15 @@ std::optional<Refit> round_about(Eigen::Isometry3d& X_SL, ProfileParts parts, co
 }
 
 }  // namespace
+
+bool is_round(SurfaceModel model) {
+  return model == SurfaceModel::cylinder || model == SurfaceModel::revolution;
+}
+
+std::optional<Eigen::Isometry3d> axis_of_sections(const RangeFunction& surface) {
+  if (surface.base().spherical() || !sections_are_circles(surface)) return std::nullopt;
+  return axis_of(surface);
+}
 
 std::optional<OwnFrameFit> fit_in_own_frame(const SurfaceFit& in_scanner_frame, const FirstLook& look,
                                             ProfileParts parts, const RangeFitOptions& options,

@@ -9,6 +9,13 @@
 
 namespace celadon {
 
+/// A cylinder or a revolution.
+bool is_round(SurfaceModel model);
+
+/// Where the axis of a surface is whose sections are nearly circles about it, in the surface's base frame: a shift and
+/// a tilt by its first harmonic. nullopt: sections miss circles by 1 % of their radius and more.
+std::optional<Eigen::Isometry3d> axis_of_sections(const RangeFunction& surface);
+
 /// A fit about a part's own axis.
 struct OwnFrameFit {
   LocalFrame frame;    ///< X_SL as used: refined by the fit itself

@@ -13,6 +13,7 @@
 
 #include "fitting/coverage.h"
 #include "fitting/error_histogram.h"
+#include "fitting/error_map.h"
 #include "fitting/executor.h"
 #include "fitting/first_look.h"
 #include "fitting/moment_grid.h"
@@ -71,6 +72,7 @@ struct RangeFit {
   RangeFunction function;
   NurbsSurface surface;
   RangeFitReport report;
+  ErrorMap geometric_errors;  ///< perpendicular, of the samples that belong; empty before measure_errors()
 };
 
 class RobustReference;

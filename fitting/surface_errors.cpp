@@ -21,6 +21,7 @@ ErrorSummary summary_of(const ErrorHistogram& errors) {
 // Of one part of the samples.
 struct PartErrors {
   SurfaceErrors missed;
+  ErrorMap map;
   std::size_t cut = 0, unfollowable = 0;
 };
 
@@ -36,6 +37,7 @@ struct Judged {
 
 PartErrors measure_part(const Judged& judged, ProfileStream& profiles) {
   PartErrors errors;
+  errors.map = ErrorMap(judged.surface.fit.function.base());
   const SurfaceFit& surface = judged.surface;
   const BaseSurface& base = surface.fit.function.base();
   Residuals to_surface, to_reference;
@@ -56,8 +58,9 @@ PartErrors measure_part(const Judged& judged, ProfileStream& profiles) {
       }
       const double residual = to_surface.residual[k];
       errors.missed.along_ray.add(residual);
-      errors.missed.geometric.add(residual *
-                                  cos_psi(base, z, to_surface.r[k], to_surface.r_theta[k], to_surface.r_z[k]));
+      const double geometric = residual * cos_psi(base, z, to_surface.r[k], to_surface.r_theta[k], to_surface.r_z[k]);
+      errors.missed.geometric.add(geometric);
+      errors.map.add(pass.v()[k], z, geometric);
     }
   }
   return errors;
@@ -86,6 +89,7 @@ RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& 
   PartErrors& all = of_part.front();
   for (std::size_t k = 1; k < of_part.size(); ++k) {
     all.missed.merge(of_part[k].missed);
+    all.map.merge(of_part[k].map);
     all.cut += of_part[k].cut;
     all.unfollowable += of_part[k].unfollowable;
   }
@@ -94,6 +98,7 @@ RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& 
   report.rejected = report.points - all.missed.along_ray.count() - all.cut - all.unfollowable;
   report.residual_mm = all.missed.along_ray_mm();
   report.geometric_mm = all.missed.geometric_mm();
+  surface.fit.geometric_errors = std::move(all.map);
   if (errors) *errors = std::move(all.missed);
   warn(surface.fit, surface.band);
   return std::move(surface.fit);

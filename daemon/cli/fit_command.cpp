@@ -83,25 +83,28 @@ tl::expected<LocalFrame, std::string> own_frame(ProfileStream& samples) {
   return *frame;
 }
 
-// The file's z axis, as far as the samples can tell.
+// The file's z axis, as far as the samples can tell: within three standard deviations, and within what the shape that
+// gave the axis leaves unexplained.
 bool on_z(const LocalFrame& own) {
   constexpr double kSigmas = 3, kRounding = 1e-6;
   const Eigen::Vector3d k = own.X_SL.linear().col(2), o = own.X_SL.translation();
   const double tilt = k.head<2>().norm(), beside = (o - k * (o.z() / std::max(k.z(), 0.5))).head<2>().norm();
-  return k.z() > 0 && (own.shape == FrameShape::sphere || tilt <= std::max(kRounding, kSigmas * own.axis_sd_rad)) &&
-         beside <= std::max(kRounding * std::max(1.0, o.norm()), kSigmas * own.origin_sd_mm);
+  const double misfit = std::sqrt(std::max(0.0, own.scale_mm * own.scale_mm - own.noise_mm * own.noise_mm));
+  const double per_mm = own.origin_sd_mm > 0 ? own.axis_sd_rad / own.origin_sd_mm : 0;
+  const bool any_tilt = own.shape == FrameShape::sphere;  // it has a centre
+  return k.z() > 0 && (any_tilt || tilt <= std::max({kRounding, kSigmas * own.axis_sd_rad, misfit * per_mm})) &&
+         beside <= std::max({kRounding * std::max(1.0, o.norm()), kSigmas * own.origin_sd_mm, misfit});
 }
 
 // Why an axis that nobody asked for is not taken; empty: it is.
 std::string reason_for_z(const LocalFrame& own) {
-  constexpr double kInliers = 0.8, kAxisRad = 0.02;
-  char text[200] = "";
+  constexpr double kInliers = 0.6, kAxisRad = 0.02;
   if (on_z(own)) return "the body's own axis is the same within its uncertainty";
-  const bool any_axis = own.shape == FrameShape::sphere;  // it has a centre
-  if (own.inliers < kInliers || own.shape == FrameShape::elliptic || (!any_axis && !(own.axis_sd_rad <= kAxisRad))) {
-    std::snprintf(text, sizeof text, "the body shows no axis of its own well enough (%s, %.0f %% of the points on it)",
-                  to_string(own.shape), 100 * own.inliers);
-  }
+  const bool sure = own.shape == FrameShape::sphere || own.axis_sd_rad <= kAxisRad;
+  if (sure && own.inliers >= kInliers) return {};
+  char text[200];
+  std::snprintf(text, sizeof text, "the body shows no axis of its own well enough (%s, %.0f %% of the points on it)",
+                to_string(own.shape), 100 * own.inliers);
   return text;
 }
 
@@ -189,6 +192,22 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
   return BodyFit{std::move(fitted)};
 }
 
+const RangeFit* wall_of(const BodyFit& fitted) {
+  const auto pieces = fitted.pieces();
+  const auto wall = std::find_if(pieces.begin(), pieces.end(),
+                                 [](const RangeFit& piece) { return !piece.function.base().spherical(); });
+  return wall == pieces.end() ? nullptr : &*wall;
+}
+bool wall_is_round(const BodyFit& fitted) {
+  const RangeFit* const wall = wall_of(fitted);
+  return wall != nullptr && is_round(wall->report.model);
+}
+// Where the wall's axis is, if that may make it round.
+std::optional<Eigen::Isometry3d> better_axis(const BodyFit& fitted) {
+  const RangeFit* const wall = wall_of(fitted);
+  return wall == nullptr || is_round(wall->report.model) ? std::nullopt : axis_of_sections(wall->function);
+}
+
 // What the options say together; empty: nothing is wrong.
 std::string contradiction(const FitArguments& arguments) {
   const bool sphere = arguments.shape == "sphere";
@@ -210,7 +229,8 @@ int fit(const FitArguments& arguments) {
   for (const auto& output : arguments.outputs) {
     const auto format = result_format_of(output);
     if (!format) {
-      return fail(2, "'" + output + "' has no known ending; use .step, .stl, .ply, surface.json or report.json");
+      return fail(
+          2, "'" + output + "' has no known ending; use .step, .stl, .ply, .svg (errors), surface.json or report.json");
     }
     const auto folder = std::filesystem::absolute(output).parent_path();
     if (!std::filesystem::is_directory(folder)) {
@@ -251,15 +271,37 @@ int fit(const FitArguments& arguments) {
     notes.seconds.push_back({"axis", watch.lap()});
   }
 
-  const auto problem = [&](const std::string& why) { return fail(2, "'" + arguments.input + "': " + why); };
-  const auto shape = shape_of(arguments, **samples, !notes.own_axis);
-  if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
-  if (!shape) return problem(shape.error());
-  notes.shape_reason = shape->reason;
+  const auto problem = [&](const std::string& why) {
+    const std::string axis = notes.warnings.empty() || notes.own_axis ? "" : " (" + notes.warnings.front() + ")";
+    return fail(2, "'" + arguments.input + "': " + why + axis);
+  };
   const auto lap = [&](const char* stage) { notes.seconds.push_back({stage, watch.lap()}); };
-  if (!shape->reason.empty()) lap("shape");
-  const Eigen::Isometry3d X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity();
-  auto fitted = fit_shape(*shape, **samples, fit_options(arguments), X_WL, native && !arguments.axis_named, notes, lap);
+  const auto fit_as_it_lies = [&]() -> tl::expected<BodyFit, std::string> {
+    const auto shape = shape_of(arguments, **samples, !notes.own_axis);
+    if (!shape) return tl::make_unexpected(shape.error());
+    notes.shape_reason = shape->reason;
+    if (!shape->reason.empty()) lap("shape");
+    const Eigen::Isometry3d X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity();
+    return fit_shape(*shape, **samples, fit_options(arguments), X_WL, native && !arguments.axis_named, notes, lap);
+  };
+  auto fitted = fit_as_it_lies();
+  // All samples know the axis better than the few that it was found from.
+  const auto better = fitted && notes.own_axis && arguments.model == "auto" ? better_axis(*fitted) : std::nullopt;
+  if (better) {
+    const LocalFrame first = *notes.own_axis;
+    const std::string first_reason = notes.shape_reason;
+    notes.own_axis->X_SL = first.X_SL * *better;
+    cloud.X_SF = notes.own_axis->X_SL.inverse();
+    samples = open_cloud(arguments.input, cloud);
+    if (!samples) return fail(2, samples.error().message);
+    auto again = fit_as_it_lies();
+    if (again && wall_is_round(*again)) {
+      fitted = std::move(again);
+    } else {
+      notes.own_axis = first;
+      notes.shape_reason = first_reason;
+    }
+  }
   if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
   if (!fitted && (*samples)->skipped() > 0) {
     return problem(fitted.error() + " (" + std::to_string((*samples)->skipped()) +
@@ -280,7 +322,9 @@ int fit(const FitArguments& arguments) {
   for (const RangeFit& piece : fitted->pieces()) pieces.push_back({piece.function, piece.surface});
   for (const auto& [format, file] : outputs) {
     const auto written = format == ResultFormat::report_json ? write_report(fitted->report(notes), file)
-                                                             : write_surface(pieces, format, file, notes, files);
+                         : format == ResultFormat::errors_svg
+                             ? write_errors(fitted->pieces(), fitted->report(notes), file)
+                             : write_surface(pieces, format, file, notes, files);
     if (!written) return fail(written.error().exit_code, written.error().message);
     notes.seconds.push_back({to_string(format), watch.lap()});
   }
@@ -308,7 +352,8 @@ void add_fit_command(CLI::App& program, Run& run) {
   command->add_option("INPUT", arguments->input, "file to read")->required();
   command
       ->add_option("-o,--output", arguments->outputs,
-                   "files to write, by their endings: .step, .stl, .ply, .json (surface), report.json")
+                   "files to write, by their endings: .step, .stl, .ply, .json (surface), .svg (picture of the "
+                   "errors), report.json")
       ->expected(1, -1);
   command->add_option("--report", arguments->report, "write the report as JSON to this file");
   command

@@ -50,6 +50,7 @@ const char* media_type(const std::string& name) {
     return name.size() >= s.size() && name.compare(name.size() - s.size(), s.size(), s) == 0;
   };
   if (ends(".json")) return "application/json";
+  if (ends(".svg")) return "image/svg+xml";
   if (ends(".step")) return "model/step";
   if (ends(".stl")) return "model/stl";
   return "application/octet-stream";

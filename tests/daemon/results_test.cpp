@@ -55,6 +55,8 @@ RangeFit sample_fit(double a = 30, double b = 1.0 / 3) {
   fit.report.z_start_mm = 5;
   fit.report.z_end_mm = 65;
   fit.report.warnings = {"first"};
+  fit.geometric_errors = ErrorMap(base);
+  fit.geometric_errors.add(2.5, 35, 0.01);
   return fit;
 }
 
@@ -243,7 +245,7 @@ TEST(Results, FormatsFollowFromNames) {
   EXPECT_EQ(result_format_of("cup.report.json"), ResultFormat::report_json);
   EXPECT_EQ(result_format_of("report.json"), ResultFormat::report_json);
   EXPECT_FALSE(result_format_of("cup.dwg"));
-  for (const char* name : {"step", "stl", "ply", "surface.json", "report.json"}) {
+  for (const char* name : {"step", "stl", "ply", "surface.json", "errors.svg", "report.json"}) {
     ASSERT_TRUE(result_format_from(name)) << name;
     EXPECT_STREQ(to_string(*result_format_from(name)), name);
   }
@@ -261,12 +263,12 @@ TEST(Results, TheFolderHoldsWhatWasAskedForAndTheReport) {
   notes.name = "vase";
   const auto names = write_all(sample_fit(), {ResultFormat::ply, ResultFormat::stl}, folder / "results", notes);
   ASSERT_TRUE(names) << names.error().message;
-  EXPECT_EQ(*names, (std::vector<std::string>{"vase.stl", "vase.ply", "report.json"}));
+  EXPECT_EQ(*names, (std::vector<std::string>{"vase.stl", "vase.ply", "errors.svg", "report.json"}));
   std::set<std::string> found;
   for (const auto& entry : std::filesystem::directory_iterator(folder / "results")) {
     found.insert(entry.path().filename());
   }
-  EXPECT_EQ(found, (std::set<std::string>{"vase.stl", "vase.ply", "report.json"}));
+  EXPECT_EQ(found, (std::set<std::string>{"vase.stl", "vase.ply", "errors.svg", "report.json"}));
   EXPECT_EQ(read_file(folder / "results/vase.ply").substr(0, 3), "ply");
   EXPECT_FALSE(std::filesystem::exists(folder / "results.part"));
   const auto again = write_all(sample_fit(), {}, folder / "results", notes);
@@ -344,7 +346,7 @@ TEST(Results, AKilledWriterLeavesTheFolderWholeOrAbsent) {
       continue;
     }
     ++whole;
-    for (const char* name : {"surface.json", "object.stl", "object.ply", "report.json"}) {
+    for (const char* name : {"surface.json", "object.stl", "object.ply", "errors.svg", "report.json"}) {
       ASSERT_TRUE(std::filesystem::exists(folder / "results" / name)) << name;
     }
     EXPECT_TRUE(read_surface_json(folder / "results/surface.json"));

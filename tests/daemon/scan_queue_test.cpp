@@ -123,7 +123,8 @@ TEST(ScanQueue, SweepLeavesFilesThatAgreeWithTheObject) {
   ASSERT_EQ(record.state, ScanState::done) << record.reason;
   EXPECT_EQ(bench.states(), (std::vector{ScanState::preparing, ScanState::scanning, ScanState::solving,
                                          ScanState::exporting, ScanState::done}));
-  EXPECT_EQ(record.files, (std::vector<std::string>{"test_vase.stl", "test_vase.ply", "surface.json", "report.json"}));
+  EXPECT_EQ(record.files,
+            (std::vector<std::string>{"test_vase.stl", "test_vase.ply", "surface.json", "errors.svg", "report.json"}));
   EXPECT_LT(error_against(machine, record), 0.03);
   const auto report = report_of(record);
   EXPECT_EQ(report["model"], "general");

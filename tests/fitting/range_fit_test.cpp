@@ -480,5 +480,33 @@ TEST(RangeFit, StrayHeightsDoNotWidenTheGrid) {
   EXPECT_EQ(f->report.rejected, 2u);
 }
 
+// A dent that no spline of so few knots follows shows where it is.
+TEST(RangeFit, TheMapOfErrorsShowsWhereASurfaceMisses) {
+  const auto dented = [](double t, double z) {
+    const double far = std::hypot((t - 2) / 0.15, (z - 80) / 4);
+    return 30 - 0.5 * std::exp(-far * far);
+  };
+  MemoryStream stream = test::scattered(dented, 200000, 0.01);
+  const auto fitted =
+      fit(stream, {.model = SurfaceModel::revolution, .z_intervals = 4, .intervals_per_arc = 1, .robust = false});
+  ASSERT_TRUE(fitted) << fitted.error().message;
+  const ErrorMap& map = fitted->geometric_errors;
+  ASSERT_FALSE(map.empty());
+  double least = 0, elsewhere = 0;
+  int at_row = -1, at_column = -1;
+  for (int i = 0; i < ErrorMap::kAlong; ++i)
+    for (int j = 0; j < ErrorMap::kAround; ++j) {
+      const auto mean = map.mean_mm(i, j);
+      ASSERT_TRUE(mean);
+      if (*mean < least) least = *mean, at_row = i, at_column = j;
+      const double t = 2 * kPi * (j + 0.5) / ErrorMap::kAround, z = 120 * (i + 0.5) / ErrorMap::kAlong;
+      if (std::hypot((t - 2) / 0.15, (z - 80) / 4) > 4) elsewhere = std::max(elsewhere, std::abs(*mean));
+    }
+  EXPECT_NEAR((at_column + 0.5) * 2 * kPi / ErrorMap::kAround, 2, 0.05);
+  EXPECT_NEAR((at_row + 0.5) * 120 / ErrorMap::kAlong, 80, 3);
+  EXPECT_LT(least, -0.4);
+  EXPECT_LT(elsewhere, 0.05);
+}
+
 }  // namespace
 }  // namespace celadon

@@ -56,7 +56,7 @@ TEST(Scan, VaseBecomesARevolutionSolidCloseToTheTruth) {
   EXPECT_GT(report["solid"]["volume_mm3"], 0.0);
   EXPECT_LT(report["truth_mm"]["rms"], 0.02);
   EXPECT_LT(std::abs(report["truth_mm"]["bias"].get<double>()), 0.01);
-  for (const char* file : {"vase.step", "vase.stl", "vase.ply", "surface.json", "report.json"}) {
+  for (const char* file : {"vase.step", "vase.stl", "vase.ply", "surface.json", "errors.svg", "report.json"}) {
     EXPECT_TRUE(fs::exists(folder / "out" / file)) << file;
   }
   const std::string step = read_file(folder / "out" / "vase.step");
