@@ -118,6 +118,13 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
                         {"origin_sd_mm", own.origin_sd_mm},
                         {"inliers", own.inliers}};
   }
+  if (notes.turned_over) {
+    const PoseAlignment& pose = *notes.turned_over;
+    json["turned_over"] = {{"overlap", pose.overlap},
+                           {"scale_mm", pose.scale_mm},
+                           {"shift_sd_mm", pose.shift_sd_mm},
+                           {"turn_sd_rad", pose.turn_sd_rad}};
+  }
   if (notes.about_scanner_axis) {
     const RangeFitReport& there = *notes.about_scanner_axis;
     json["about_scanner_axis"] = {{"model", to_string(there.model)},

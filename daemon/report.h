@@ -13,6 +13,7 @@
 #include "fitting/composite_fit.h"
 #include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
+#include "fitting/turned_over.h"
 
 namespace celadon {
 
@@ -51,8 +52,9 @@ struct ResultNotes {
   std::optional<ScanCounters> scan;
   std::optional<ClosureError> closure_mm;
   std::optional<CadResult> solid;
-  std::string shape_reason;            ///< why this base was chosen; empty: as it was named
-  std::optional<LocalFrame> own_axis;  ///< how the surface's frame was found, if it was looked for
+  std::string shape_reason;                  ///< why this base was chosen; empty: as it was named
+  std::optional<LocalFrame> own_axis;        ///< how the surface's frame was found, if it was looked for
+  std::optional<PoseAlignment> turned_over;  ///< how the object's second pose was found
   /// Of a part that stands off the scanner's axis: what it was about that one.
   std::optional<RangeFitReport> about_scanner_axis;
 };

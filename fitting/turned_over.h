@@ -2,8 +2,6 @@
 // How an object lies that was turned upside down, from what both poses show of it. Source: README.md, "Two poses".
 
 #include <Eigen/Geometry>
-#include <string>
-#include <vector>
 
 #include <tl/expected.hpp>
 
@@ -19,7 +17,6 @@ struct PoseAlignment {
   double scale_mm = 0;     ///< robust standard deviation of these about it
   double shift_sd_mm = 0;  ///< of the position along the axis, if errors of points are independent
   double turn_sd_rad = 0;  ///< of the turn about it; 0: the wall is round, every turn is as good
-  std::vector<std::string> warnings;
 };
 
 /// The second pose is the first one turned upside down about a level axis, and then stands anywhere near the axis: the

@@ -7,12 +7,12 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <span>
-#include <variant>
 
 #include <CLI/CLI.hpp>
 
+#include "daemon/cli/body_fit.h"
 #include "daemon/cli/commands.h"
+#include "daemon/cli/fit_input.h"
 #include "daemon/cli/summary.h"
 #include "daemon/files/atomic_file.h"
 #include "daemon/files/cloud_files.h"
@@ -20,9 +20,6 @@
 #include "daemon/results.h"
 #include "daemon/usage_error.h"
 #include "fitting/composite_fit.h"
-#include "fitting/even_points.h"
-#include "fitting/local_frame.h"
-#include "fitting/own_frame.h"
 #include "fitting/range_fit.h"
 #include "fitting/shape_choice.h"
 #include "fitting/spherical_stream.h"
@@ -31,8 +28,8 @@ namespace celadon::cli {
 namespace {
 
 struct FitArguments {
-  std::string input, axis = "auto", unit = "mm", shape = "cylinder", model = "auto", space = "curvature", name, date,
-                     report;
+  std::string input, turned_over, axis = "auto", unit = "mm", shape = "cylinder", model = "auto", space = "curvature",
+                                  name, date, report;
   std::vector<std::string> outputs;
   double tolerance_mm = 0, form_tolerance_mm = -1, chord_mm = 0;
   std::optional<double> centre_z_mm, split_above_mm, split_below_mm;
@@ -76,62 +73,9 @@ RangeFitOptions fit_options(const FitArguments& arguments) {
   return options;
 }
 
-// From an even sample of the file, in the file's frame.
-tl::expected<LocalFrame, std::string> own_frame(ProfileStream& samples) {
-  auto frame = local_frame(even_points(samples, 12000));
-  if (!frame) return tl::make_unexpected(frame.error().message);
-  return *frame;
-}
-
-// The file's z axis, as far as the samples can tell: within three standard deviations, and within what the shape that
-// gave the axis leaves unexplained.
-bool on_z(const LocalFrame& own) {
-  constexpr double kSigmas = 3, kRounding = 1e-6;
-  const Eigen::Vector3d k = own.X_SL.linear().col(2), o = own.X_SL.translation();
-  const double tilt = k.head<2>().norm(), beside = (o - k * (o.z() / std::max(k.z(), 0.5))).head<2>().norm();
-  const double misfit = std::sqrt(std::max(0.0, own.scale_mm * own.scale_mm - own.noise_mm * own.noise_mm));
-  const double per_mm = own.origin_sd_mm > 0 ? own.axis_sd_rad / own.origin_sd_mm : 0;
-  const bool any_tilt = own.shape == FrameShape::sphere;  // it has a centre
-  return k.z() > 0 && (any_tilt || tilt <= std::max({kRounding, kSigmas * own.axis_sd_rad, misfit * per_mm})) &&
-         beside <= std::max({kRounding * std::max(1.0, o.norm()), kSigmas * own.origin_sd_mm, misfit});
-}
-
-// Why an axis that nobody asked for is not taken; empty: it is.
-std::string reason_for_z(const LocalFrame& own) {
-  constexpr double kInliers = 0.6, kAxisRad = 0.02;
-  if (on_z(own)) return "the body's own axis is the same within its uncertainty";
-  const bool sure = own.shape == FrameShape::sphere || own.axis_sd_rad <= kAxisRad;
-  if (sure && own.inliers >= kInliers) return {};
-  char text[200];
-  std::snprintf(text, sizeof text, "the body shows no axis of its own well enough (%s, %.0f %% of the points on it)",
-                to_string(own.shape), 100 * own.inliers);
-  return text;
-}
-
-// A fit of samples in a local frame as a surface in the frame outside.
-void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL) {
-  const RangeFunction& f = fitted.function;
-  BaseSurface base = f.base();
-  base.X_WB = X_WL * base.X_WB;
-  fitted.function = RangeFunction(base, f.degree_u(), f.degree_v(), f.knots_u(), f.knots_v(), f.coefficients());
-  fitted.surface = symbolic_product(fitted.function);
-}
-
-// A fit of one piece or of several.
-struct BodyFit {
-  std::variant<RangeFit, CompositeFit> fit;
-  std::span<const RangeFit> pieces() const {
-    if (const auto* one = std::get_if<RangeFit>(&fit)) return {one, 1};
-    return std::get<CompositeFit>(fit).pieces;
-  }
-  nlohmann::ordered_json report(const ResultNotes& notes) const {
-    return std::visit([&](const auto& of) { return report_json(of, notes); }, fit);
-  }
-};
-
 // The shape as it was named, or as the samples want it; what was not named of it comes from the samples.
-tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, CloudFile& samples,
-                                                bool in_frame_of_file) {
+tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, ProfileStream& samples,
+                                                bool about_origin) {
   ShapeChoice named;
   const auto choose = [&](std::optional<BodyShape> wanted) -> tl::expected<ShapeChoice, std::string> {
     auto choice = choose_shape(samples, wanted);
@@ -146,66 +90,11 @@ tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, C
   }
   if (arguments.shape == "sphere") {
     named.shape = BodyShape::sphere;
-    const bool about_origin = samples.columns() == CloudColumns::spherical && in_frame_of_file;
     named.centre_z_mm = arguments.centre_z_mm.value_or(about_origin ? 0 : centre_on_axis_mm(samples));
     if (!std::isfinite(named.centre_z_mm))
       return tl::make_unexpected("the samples lie at one height and show no centre; name one with --centre-z");
   }
   return named;
-}
-
-// In the frame outside; `lap` ends a stage.
-tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, RangeFitOptions options,
-                                             const Eigen::Isometry3d& X_WL, bool off_centre_rule, ResultNotes& notes,
-                                             const std::function<void(const char* stage)>& lap) {
-  if (shape.shape == BodyShape::composite) {
-    auto composite = fit_composite(samples, shape.split, options);
-    if (!composite) return tl::make_unexpected(composite.error().message);
-    for (RangeFit& piece : composite->pieces) place(piece, X_WL);
-    lap("fit");
-    return BodyFit{std::move(*composite)};
-  }
-  SphericalStream spherical(samples, shape.centre_z_mm);
-  const bool sphere = shape.shape == BodyShape::sphere;
-  ProfileStream& stream = sphere ? static_cast<ProfileStream&>(spherical) : samples;
-  options.base = sphere ? BaseKind::sphere : BaseKind::cylinder;
-  const auto grid = choose_grid(stream, options);
-  if (!grid) return tl::make_unexpected(grid.error().message);
-  lap("read");
-  const GatheredSamples gathered = gather(stream, *grid);
-  lap("accumulate");
-  ProfileStream* const whole[] = {&stream};
-  auto surface = fit_surface(gathered.sums, gathered.look, whole, options);
-  if (!surface) return tl::make_unexpected(surface.error().message);
-  if (auto own = off_centre_rule ? fit_in_own_frame(*surface, gathered.look, whole, options) : std::nullopt) {
-    notes.about_scanner_axis = surface->fit.report;
-    notes.own_axis = own->frame;
-    notes.warnings.insert(notes.warnings.end(), own->frame.warnings.begin(), own->frame.warnings.end());
-    lap("axis");
-    return BodyFit{measure_errors(std::move(own->surface), own->samples.streams())};
-  }
-  RangeFit fitted = measure_errors(std::move(*surface), whole);
-  Eigen::Isometry3d X_WB = X_WL;
-  if (sphere) X_WB.translate(Eigen::Vector3d(0, 0, shape.centre_z_mm));
-  if (!X_WB.matrix().isIdentity(0)) place(fitted, X_WB);
-  lap("fit");
-  return BodyFit{std::move(fitted)};
-}
-
-const RangeFit* wall_of(const BodyFit& fitted) {
-  const auto pieces = fitted.pieces();
-  const auto wall = std::find_if(pieces.begin(), pieces.end(),
-                                 [](const RangeFit& piece) { return !piece.function.base().spherical(); });
-  return wall == pieces.end() ? nullptr : &*wall;
-}
-bool wall_is_round(const BodyFit& fitted) {
-  const RangeFit* const wall = wall_of(fitted);
-  return wall != nullptr && is_round(wall->report.model);
-}
-// Where the wall's axis is, if that may make it round.
-std::optional<Eigen::Isometry3d> better_axis(const BodyFit& fitted) {
-  const RangeFit* const wall = wall_of(fitted);
-  return wall == nullptr || is_round(wall->report.model) ? std::nullopt : axis_of_sections(wall->function);
 }
 
 // What the options say together; empty: nothing is wrong.
@@ -252,19 +141,17 @@ int fit(const FitArguments& arguments) {
   const auto unit = millimetres_per_unit(arguments.unit);
   if (!unit) return fail(2, unit.error());
   cloud.millimetres_per_unit = *unit;
-  auto samples = open_cloud(arguments.input, cloud);
-  if (!samples) return fail(2, samples.error().message);
-  const bool native = (*samples)->columns() != CloudColumns::cartesian;
+  auto input = FitInput::open(arguments.input, cloud);
+  if (!input) return fail(2, input.error());
+  const bool native = input->columns() != CloudColumns::cartesian;
   if (arguments.axis == "auto" && (arguments.axis_named || !native)) {
-    const auto own = own_frame(**samples);
-    if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
+    const auto own = input->own_frame();
+    if (!input->error().empty()) return fail(2, input->error());
     if (!own && arguments.axis_named) return fail(2, "'" + arguments.input + "': " + own.error());
     if (const std::string why = own ? reason_for_z(*own) : own.error(); arguments.axis_named || why.empty()) {
       notes.own_axis = *own;
       notes.warnings = own->warnings;
-      cloud.X_SF = own->X_SL.inverse();
-      samples = open_cloud(arguments.input, cloud);
-      if (!samples) return fail(2, samples.error().message);
+      if (auto placed = input->place(own->X_SL); !placed) return fail(2, placed.error());
     } else if (!own || !on_z(*own)) {
       notes.warnings.push_back("The axis is the file's z axis: " + why + ". Name another with --axis.");
     }
@@ -277,42 +164,51 @@ int fit(const FitArguments& arguments) {
   };
   const auto lap = [&](const char* stage) { notes.seconds.push_back({stage, watch.lap()}); };
   const auto fit_as_it_lies = [&]() -> tl::expected<BodyFit, std::string> {
-    const auto shape = shape_of(arguments, **samples, !notes.own_axis);
+    const bool about_origin = input->columns() == CloudColumns::spherical && !notes.own_axis;
+    const auto shape = shape_of(arguments, input->samples(), about_origin);
     if (!shape) return tl::make_unexpected(shape.error());
     notes.shape_reason = shape->reason;
     if (!shape->reason.empty()) lap("shape");
-    const Eigen::Isometry3d X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity();
-    return fit_shape(*shape, **samples, fit_options(arguments), X_WL, native && !arguments.axis_named, notes, lap);
+    FitSetting setting{.X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity(),
+                       .off_centre_rule = native && !arguments.axis_named && arguments.turned_over.empty(),
+                       .lap = lap};
+    return fit_shape(*shape, input->samples(), fit_options(arguments), setting, notes);
   };
   auto fitted = fit_as_it_lies();
+  if (fitted && !arguments.turned_over.empty()) {
+    if (fitted->wall() == nullptr) return problem("a sphere shows no wall by which its other pose could be found");
+    const auto pose = input->add_turned_over(arguments.turned_over, fitted->wall()->function, notes.own_axis);
+    if (!pose) return fail(2, pose.error());
+    notes.turned_over = *pose;
+    lap("pose");
+    fitted = fit_as_it_lies();
+  }
   // All samples know the axis better than the few that it was found from.
-  const auto better = fitted && notes.own_axis && arguments.model == "auto" ? better_axis(*fitted) : std::nullopt;
+  const auto better = fitted && notes.own_axis && arguments.model == "auto" ? fitted->better_axis() : std::nullopt;
   if (better) {
     const LocalFrame first = *notes.own_axis;
     const std::string first_reason = notes.shape_reason;
     notes.own_axis->X_SL = first.X_SL * *better;
-    cloud.X_SF = notes.own_axis->X_SL.inverse();
-    samples = open_cloud(arguments.input, cloud);
-    if (!samples) return fail(2, samples.error().message);
+    if (auto placed = input->place(notes.own_axis->X_SL); !placed) return fail(2, placed.error());
     auto again = fit_as_it_lies();
-    if (again && wall_is_round(*again)) {
+    if (again && again->wall_is_round()) {
       fitted = std::move(again);
     } else {
       notes.own_axis = first;
       notes.shape_reason = first_reason;
     }
   }
-  if (!(*samples)->error().empty()) return fail(2, (*samples)->error());
-  if (!fitted && (*samples)->skipped() > 0) {
-    return problem(fitted.error() + " (" + std::to_string((*samples)->skipped()) +
+  if (!input->error().empty()) return fail(2, input->error());
+  if (!fitted && input->skipped() > 0) {
+    return problem(fitted.error() + " (" + std::to_string(input->skipped()) +
                    " points have NaN or infinite coordinates and do not count)");
   }
   if (!fitted) return problem(fitted.error());
 
   notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
   notes.date = arguments.date;
-  if ((*samples)->skipped() > 0) {
-    notes.warnings.push_back(std::to_string((*samples)->skipped()) +
+  if (input->skipped() > 0) {
+    notes.warnings.push_back(std::to_string(input->skipped()) +
                              " points of the file have NaN or infinite coordinates and were skipped");
   }
   ResultOptions files;
@@ -350,6 +246,9 @@ void add_fit_command(CLI::App& program, Run& run) {
                              "where it shows none, and if --axis names one, an axis of the file through its origin.");
   command->option_defaults()->always_capture_default();
   command->add_option("INPUT", arguments->input, "file to read")->required();
+  command->add_option(
+      "--turned-over", arguments->turned_over,
+      "file of the same object upside down, for its other end: how it lies is found from what both show");
   command
       ->add_option("-o,--output", arguments->outputs,
                    "files to write, by their endings: .step, .stl, .ply, .json (surface), .svg (picture of the "

@@ -75,6 +75,13 @@ std::string summary_of(const json& report) {
                  z[2].get<double>());
     text += "              " + report["own_axis"]["reason"].get<std::string>() + "\n";
   }
+  if (report.contains("turned_over")) {
+    const auto& pose = report["turned_over"];
+    text += line("  poses       two: %.0f %% of the second lie on the wall of the first within ",
+                 100 * pose["overlap"].get<double>());
+    text.pop_back();
+    text += length(pose["scale_mm"]) + "; raised to " + length(pose["shift_sd_mm"]) + "\n";
+  }
   if (report.contains("about_scanner_axis")) {
     const auto& there = report["about_scanner_axis"];
     text += line("              about the scanner's axis it would be %s with %d x %d control points",

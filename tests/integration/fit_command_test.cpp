@@ -245,6 +245,62 @@ TEST(FitCommand, ShapeAutoFindsABodyWithAHead) {
   EXPECT_NE(wrong.err.find("--shape composite"), std::string::npos) << wrong.err;
 }
 
+// Points of a bellied body with lobes, closed by domes at z = 0 and 60, as a scanner sees what stands at X: all but the
+// lowest part of it.
+std::string seen_of_body(const Eigen::Isometry3d& X, double lowest, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> turn(0, 2 * std::numbers::pi), share(0, 1);
+  std::normal_distribution<double> noise(0, 0.01);
+  std::string text;
+  char line[128];
+  for (int k = 0; k < 60000; ++k) {
+    const double t = turn(random), at = 110 * share(random), lobes = 1.5 * std::cos(3 * t);
+    Eigen::Vector3d p;
+    if (at < 60) {
+      const double s = at / 60, r = 25 + lobes + 40 * s * s * (1 - s) * (1 - s) * (1.4 - s) + noise(random);
+      p << r * std::cos(t), r * std::sin(t), at;
+    } else {
+      const double c = share(random), d = std::sqrt(1 - c * c), rho = 25 + lobes * std::pow(d, 4) + noise(random);
+      p << rho * d * std::cos(t), rho * d * std::sin(t), at < 85 ? 60 + rho * c : -rho * c;
+    }
+    p = X * p;
+    if (p.z() < lowest) continue;
+    std::snprintf(line, sizeof line, "%.17g %.17g %.17g\n", p.x(), p.y(), p.z());
+    text += line;
+  }
+  return text;
+}
+
+// An egg stands on the table twice, once on its head: together both scans show all of it.
+TEST(FitCommand, TurnedOverClosesTheOtherEnd) {
+  Eigen::Isometry3d first = Eigen::Isometry3d::Identity(), second = first;
+  first.translate(Eigen::Vector3d(40, -7, 25));
+  second.translate(Eigen::Vector3d(-12, 5, 85));
+  second.rotate(Eigen::AngleAxisd(1.9, Eigen::Vector3d::UnitZ()));
+  second.rotate(Eigen::AngleAxisd(std::numbers::pi + 0.01, Eigen::Vector3d::UnitX()));
+  const TemporaryFolder folder;
+  const auto upright = folder.write("upright.xyz", seen_of_body(first, 20, 1)),
+             over = folder.write("over.xyz", seen_of_body(second, 20, 2));
+  const auto outcome = run({"celadon", "fit", upright, "--turned-over", over, "--shape", "auto", "-o",
+                            folder / "c.step", "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("poses       two"), std::string::npos) << outcome.out;
+  const json report = json::parse(read_file(folder / "r.json"));
+  ASSERT_EQ(report["pieces"].size(), 3u) << report["shape_reason"];
+  EXPECT_EQ(report["pieces"][0]["band_rad"][1], std::numbers::pi);
+  EXPECT_EQ(report["pieces"][2]["band_rad"][0], 0);
+  EXPECT_EQ(report["solid"]["faces"], 3);
+  EXPECT_NEAR(report["geometric_mm"]["rms"].get<double>(), 0.01, 0.002);
+  EXPECT_NEAR(report["turned_over"]["scale_mm"].get<double>(), 0.01, 0.003);
+  EXPECT_LT(report["turned_over"]["shift_sd_mm"].get<double>(), 0.01);
+  // What the second pose shows of the wrong object is refused.
+  const auto other = folder.write("other.xyz", cloud_of([](double, double z) { return 8 + 0.1 * z; }, 5000));
+  const auto wrong =
+      run({"celadon", "fit", upright, "--turned-over", other, "--shape", "auto", "-o", folder / "d.step"});
+  EXPECT_EQ(wrong.exit_code, 2);
+  EXPECT_NE(wrong.err.find("other.xyz"), std::string::npos) << wrong.err;
+}
+
 // Native samples are the scanner's: a cylinder off its axis is one about its own, unless the axis is named.
 TEST(FitCommand, NativeSamplesOfAPartOffTheAxis) {
   std::mt19937 random(5);

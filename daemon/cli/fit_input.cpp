@@ -1,0 +1,115 @@
+#include "daemon/cli/fit_input.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <utility>
+
+#include "fitting/even_points.h"
+
+namespace celadon::cli {
+namespace {
+
+constexpr std::size_t kFramePoints = 12000;
+
+tl::expected<LocalFrame, std::string> frame_of(ProfileStream& samples) {
+  auto frame = local_frame(even_points(samples, kFramePoints));
+  if (!frame) return tl::make_unexpected(frame.error().message);
+  return *frame;
+}
+
+}  // namespace
+
+bool on_z(const LocalFrame& own) {
+  constexpr double kSigmas = 3, kRounding = 1e-6;
+  const Eigen::Vector3d k = own.X_SL.linear().col(2), o = own.X_SL.translation();
+  const double tilt = k.head<2>().norm(), beside = (o - k * (o.z() / std::max(k.z(), 0.5))).head<2>().norm();
+  const double misfit = std::sqrt(std::max(0.0, own.scale_mm * own.scale_mm - own.noise_mm * own.noise_mm));
+  const double per_mm = own.origin_sd_mm > 0 ? own.axis_sd_rad / own.origin_sd_mm : 0;
+  const bool any_tilt = own.shape == FrameShape::sphere;  // it has a centre
+  return k.z() > 0 && (any_tilt || tilt <= std::max({kRounding, kSigmas * own.axis_sd_rad, misfit * per_mm})) &&
+         beside <= std::max({kRounding * std::max(1.0, o.norm()), kSigmas * own.origin_sd_mm, misfit});
+}
+
+std::string reason_for_z(const LocalFrame& own) {
+  constexpr double kInliers = 0.6, kAxisRad = 0.02;
+  if (on_z(own)) return "the body's own axis is the same within its uncertainty";
+  const bool sure = own.shape == FrameShape::sphere || own.axis_sd_rad <= kAxisRad;
+  if (sure && own.inliers >= kInliers) return {};
+  char text[200];
+  std::snprintf(text, sizeof text, "the body shows no axis of its own well enough (%s, %.0f %% of the points on it)",
+                to_string(own.shape), 100 * own.inliers);
+  return text;
+}
+
+tl::expected<FitInput, std::string> FitInput::open(const std::filesystem::path& file, const CloudOptions& options) {
+  FitInput input;
+  input.first_file_ = file;
+  input.options_ = options;
+  if (auto opened = input.reopen(); !opened) return tl::make_unexpected(opened.error());
+  return input;
+}
+
+tl::expected<void, std::string> FitInput::reopen() {
+  const Eigen::Isometry3d X_LS = X_SL_.inverse();
+  CloudOptions options = options_;
+  options.X_SF = X_LS;
+  auto first = open_cloud(first_file_, options);
+  if (!first) return tl::make_unexpected(first.error().message);
+  first_ = std::move(*first);
+  stream_ = first_.get();
+  if (second_file_.empty()) return {};
+  options.X_SF = X_LS * X_S2_;
+  auto second = open_cloud(second_file_, options);
+  if (!second) return tl::make_unexpected(second.error().message);
+  second_ = std::move(*second);
+  parts_ = std::make_unique<std::vector<ProfileStream*>>(std::vector<ProfileStream*>{first_.get(), second_.get()});
+  joined_ = std::make_unique<JoinedStream>(*parts_);
+  stream_ = joined_.get();
+  return {};
+}
+
+tl::expected<LocalFrame, std::string> FitInput::own_frame() {
+  return frame_of(samples());
+}
+
+tl::expected<void, std::string> FitInput::place(const Eigen::Isometry3d& X_SL) {
+  X_SL_ = X_SL;
+  return reopen();
+}
+
+tl::expected<PoseAlignment, std::string> FitInput::add_turned_over(const std::filesystem::path& file,
+                                                                   const RangeFunction& wall,
+                                                                   const std::optional<LocalFrame>& about_own_axis) {
+  const auto named = [&](const std::string& why) { return tl::make_unexpected("'" + file.string() + "': " + why); };
+  CloudOptions options = options_;
+  auto second = open_cloud(file, options);
+  if (!second) return tl::make_unexpected(second.error().message);
+  Eigen::Isometry3d X_S2 = Eigen::Isometry3d::Identity();
+  if (about_own_axis) {
+    const auto own = frame_of(**second);
+    if (!(*second)->error().empty()) return tl::make_unexpected((*second)->error());
+    if (!own) return named(own.error());
+    X_S2 = about_own_axis->X_SL * own->X_SL.inverse();
+    options.X_SF = X_S2;
+    second = open_cloud(file, options);
+    if (!second) return tl::make_unexpected(second.error().message);
+  }
+  auto pose = align_turned_over(wall, **second);
+  if (!(*second)->error().empty()) return tl::make_unexpected((*second)->error());
+  if (!pose) return named(pose.error().message);
+  second_file_ = file;
+  X_S2_ = pose->X_12 * X_S2;
+  if (auto opened = reopen(); !opened) return tl::make_unexpected(opened.error());
+  return *pose;
+}
+
+std::string FitInput::error() const {
+  return !first_->error().empty() || !second_ ? first_->error() : second_->error();
+}
+
+std::uint64_t FitInput::skipped() const {
+  return first_->skipped() + (second_ ? second_->skipped() : 0);
+}
+
+}  // namespace celadon::cli

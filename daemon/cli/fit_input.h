@@ -1,0 +1,59 @@
+#pragma once
+// The samples that `celadon fit` reads: one file or two poses of an object, in the frame they are fitted in.
+
+#include <Eigen/Geometry>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <tl/expected.hpp>
+
+#include "daemon/files/cloud_files.h"
+#include "fitting/local_frame.h"
+#include "fitting/moved_stream.h"
+#include "fitting/range_function.h"
+#include "fitting/turned_over.h"
+
+namespace celadon::cli {
+
+/// The file's z axis, as far as the samples can tell: within three standard deviations, and within what the shape that
+/// gave the axis leaves unexplained.
+bool on_z(const LocalFrame& own);
+/// Why an axis that nobody asked for is not taken; empty: it is.
+std::string reason_for_z(const LocalFrame& own);
+
+class FitInput {
+ public:
+  /// Errors: sentences that name the file.
+  static tl::expected<FitInput, std::string> open(const std::filesystem::path& file, const CloudOptions& options);
+
+  ProfileStream& samples() { return *stream_; }
+  CloudColumns columns() const { return first_->columns(); }
+  /// The samples' own frame, from an even sample.
+  tl::expected<LocalFrame, std::string> own_frame();
+  /// From now on in the frame L of the first file's S.
+  tl::expected<void, std::string> place(const Eigen::Isometry3d& X_SL);
+  /// The same object upside down joins, as `wall` (in S) lets it be found.
+  /// @param about_own_axis it may stand anywhere: its own axis is laid on that of S first
+  tl::expected<PoseAlignment, std::string> add_turned_over(const std::filesystem::path& file, const RangeFunction& wall,
+                                                           const std::optional<LocalFrame>& about_own_axis);
+
+  /// What the last pass met; empty: nothing.
+  std::string error() const;
+  std::uint64_t skipped() const;
+
+ private:
+  FitInput() = default;
+  tl::expected<void, std::string> reopen();
+
+  std::filesystem::path first_file_, second_file_;
+  CloudOptions options_;
+  Eigen::Isometry3d X_SL_ = Eigen::Isometry3d::Identity(), X_S2_ = Eigen::Isometry3d::Identity();
+  std::unique_ptr<CloudFile> first_, second_;
+  std::unique_ptr<std::vector<ProfileStream*>> parts_;
+  std::unique_ptr<ProfileStream> joined_;
+  ProfileStream* stream_ = nullptr;
+};
+
+}  // namespace celadon::cli
