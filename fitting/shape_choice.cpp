@@ -17,7 +17,9 @@ namespace celadon {
 namespace {
 
 constexpr std::size_t kPoints = 12000, kFewestPoints = 50;
-constexpr int kNormals = 4000, kHeights = 200;
+constexpr int kNormals = 4000;
+// Heights that a search looks at first, and between the neighbours of the best, again and again.
+constexpr int kHeights = 200, kFiner = 20, kRounds = 6;
 constexpr double kDegrees = 180 / std::numbers::pi;
 // Rays at more than this to the normal see little of the surface.
 const double kSteepCosine = std::cos(75 / kDegrees);
@@ -77,14 +79,17 @@ double steep_share(const Places& places, bool top) {
   return *half < kFlatRad ? 0 : static_cast<double>(tilt.size()) / static_cast<double>(places.count());
 }
 
-// The height of least cost, by an even search and a finer one beside it.
+// The height of least cost.
 template <class Cost>
 double least(double from, double to, const Cost& cost) {
-  double best = from, best_cost = std::numeric_limits<double>::infinity();
-  for (double step = (to - from) / kHeights, a = from, b = to; step > 1e-6 * (to - from); step /= 10) {
-    for (double z = a; z <= b + step / 2; z += step)
-      if (const double c = cost(z); c < best_cost) best = z, best_cost = c;
-    a = std::max(from, best - step), b = std::min(to, best + step);
+  double best = from, best_cost = std::numeric_limits<double>::infinity(), low = from, high = to;
+  for (int round = 0; round < kRounds; ++round) {
+    const double step = (high - low) / (round == 0 ? kHeights : kFiner);
+    for (int k = 0; k <= (round == 0 ? kHeights : kFiner); ++k) {
+      const double z = low + k * step, c = cost(z);
+      if (c < best_cost) best = z, best_cost = c;
+    }
+    low = std::max(from, best - step), high = std::min(to, best + step);
   }
   return best;
 }

@@ -83,11 +83,13 @@ std::string length(double mm) {
   return std::abs(mm) < 0.1 ? print("%.3g um", mm * 1e3) : print("%.3g mm", mm);
 }
 
-// Ticks at multiples of a round step, four to nine of them.
-std::vector<double> ticks(double low, double high) {
-  const double step = round_up((high - low) / 9);
+// Multiples of a step.
+std::vector<double> ticks(double low, double high, double step) {
   std::vector<double> at;
-  for (double k = std::ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; ++k) at.push_back(k * step + 0.0);
+  const int first = static_cast<int>(std::ceil(low / step - 1e-9)),
+            last = static_cast<int>(std::floor(high / step + 1e-9));
+  at.reserve(static_cast<std::size_t>(std::max(0, last - first + 1)));
+  for (int k = first; k <= last; ++k) at.push_back(k * step);
   return at;
 }
 
@@ -132,7 +134,7 @@ std::string axes(const PieceErrors& piece, double top, double height) {
   const auto& meridian = BaseSurface::meridian();
   const double low = base.spherical() ? meridian.theta_of_v(base.band_start) * kDegrees : base.band_start,
                high = base.spherical() ? meridian.theta_of_v(base.band_end) * kDegrees : base.band_end;
-  for (const double t : ticks(low, high)) {
+  for (const double t : ticks(low, high, round_up((high - low) / 9))) {
     const double along = base.spherical() ? meridian.v_of_theta(std::min(t / kDegrees, std::numbers::pi)) : t;
     const double share = (along - base.band_start) / (base.band_end - base.band_start);
     const double y = base.spherical() ? top + share * height : top + (1 - share) * height;
@@ -140,12 +142,7 @@ std::string axes(const PieceErrors& piece, double top, double height) {
            label(kLeft - 8, y + 4.5, "end", print("%g", t));
   }
   const double start = base.arcs.start_rad() * kDegrees, range = base.arcs.count() * base.arcs.arc_rad() * kDegrees;
-  std::vector<double> angles = ticks(start, start + range);
-  if (range > 180) {
-    angles.clear();
-    for (double t = 45 * std::ceil(start / 45); t <= start + range + 1e-9; t += 45) angles.push_back(t);
-  }
-  for (const double t : angles) {
+  for (const double t : ticks(start, start + range, range > 180 ? 45 : round_up(range / 9))) {
     const double x = kLeft + (t - start) / range * kWidth;
     svg += print("<path d=\"M%.1f %.1fv5\" stroke=\"#333\"/>\n", x, top + height) +
            label(x, top + height + 18, "middle", print("%g", t), 12);

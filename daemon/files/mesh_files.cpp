@@ -33,6 +33,7 @@ Rows rows_of(const RangeFunction& wall, const WallGrid& grid) {
 // Columns of a grid with every interval cut into equal parts; without the last, which is the first again.
 std::vector<double> cut(const std::vector<double>& lines, int parts) {
   std::vector<double> columns;
+  columns.reserve((lines.size() - 1) * static_cast<std::size_t>(parts));
   for (std::size_t j = 0; j + 1 < lines.size(); ++j) {
     for (int k = 0; k < parts; ++k) columns.push_back(lines[j] + (lines[j + 1] - lines[j]) * k / parts);
   }
@@ -40,8 +41,8 @@ std::vector<double> cut(const std::vector<double>& lines, int parts) {
 }
 
 std::vector<double> even_columns(int count) {
-  std::vector<double> columns;
-  for (int j = 0; j < count; ++j) columns.push_back(2 * std::numbers::pi * j / count);
+  std::vector<double> columns(static_cast<std::size_t>(count));
+  for (int j = 0; j < count; ++j) columns[static_cast<std::size_t>(j)] = 2 * std::numbers::pi * j / count;
   return columns;
 }
 
