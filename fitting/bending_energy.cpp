@@ -116,6 +116,14 @@ double BendingEnergy::trace() const {
   return u[2].trace() * v[0].trace() + 2 * u[1].trace() * v[1].trace() + u[0].trace() * v[2].trace();
 }
 
+double BendingEnergy::of(const Eigen::MatrixXd& free) const {
+  const auto part = [&](int k) {
+    const auto at = static_cast<std::size_t>(k);
+    return (along_u[2 - at] * free * along_v[at]).cwiseProduct(free).sum();
+  };
+  return part(0) + 2 * part(1) + part(2);
+}
+
 void BendingEnergy::add_to(StencilMatrix& matrix, double factor) const {
   const auto &u = along_u, &v = along_v;
   const int nu = matrix.count_u(), band = matrix.band_u();

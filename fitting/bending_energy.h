@@ -26,6 +26,8 @@ struct BendingEnergy {
   GramMatrices along_u, along_v;
   /// The trace of its matrix.
   double trace() const;
+  /// Of free coefficients, count_u x count_v.
+  double of(const Eigen::MatrixXd& free) const;
   /// matrix += factor * energy. @pre the matrix belongs to the same pair of spaces
   void add_to(StencilMatrix& matrix, double factor) const;
 };

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <limits>
 #include <utility>
+#include <vector>
 
 namespace celadon {
 namespace {
@@ -15,6 +16,9 @@ constexpr double kResolution = 2e-8;
 constexpr double kSamplesPerUnknown = 3, kSamplesPerNoiseUnknown = 10;
 // The same of profiles, which share an angle and errors, and unknowns around.
 constexpr double kProfilesPerUnknown = 1.5, kProfilesPerNoiseUnknown = 3;
+// Weights of the energy that fairing may take, and bisections of the last decade.
+constexpr double kLeastFairing = 1e-10, kMostFairing = 1e8;
+constexpr int kFairingSteps = 7;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr LadderLevels kSteps[] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
 
@@ -54,6 +58,68 @@ double smooth(LadderFit& fit, double penalty, double start) {
     }
   }
   return best;
+}
+
+// How far a surface moved: 95 % of it, and all of it; on a grid of four places a coefficient in either direction.
+struct Move {
+  double most_mm = 0, largest_mm = 0;
+};
+Move move_between(const RangeFunction& a, const RangeFunction& b) {
+  constexpr Eigen::Index kPlaces = 4;
+  constexpr double kMost = 0.95;
+  const RangeFunction change(a.base(), a.degree_u(), a.degree_v(), a.knots_u(), a.knots_v(),
+                             a.coefficients() - b.coefficients());
+  const BaseSurface& base = a.base();
+  const Eigen::Index rows = kPlaces * a.coefficients().rows(), columns = kPlaces * a.coefficients().cols();
+  std::vector<double> theta(static_cast<std::size_t>(columns + 1)), along, value(theta.size()), all;
+  all.reserve(theta.size() * static_cast<std::size_t>(rows + 1));
+  for (Eigen::Index j = 0; j <= columns; ++j)
+    theta[static_cast<std::size_t>(j)] =
+        base.arcs.theta_of_v(base.arcs.count() * static_cast<double>(j) / static_cast<double>(columns));
+  for (Eigen::Index i = 0; i <= rows; ++i) {
+    const double share = static_cast<double>(i) / static_cast<double>(rows);
+    along.assign(theta.size(), (1 - share) * base.band_start + share * base.band_end);
+    change.evaluate(theta.data(), along.data(), theta.size(), value.data());
+    for (const double v : value) all.push_back(std::abs(v));
+  }
+  const auto most = all.begin() + static_cast<std::ptrdiff_t>(kMost * static_cast<double>(all.size() - 1));
+  std::nth_element(all.begin(), most, all.end());
+  return {*most, *std::max_element(most, all.end())};
+}
+
+// As much bending energy as moves 95 % of the surface by no more than `most_mm`; in one sentence what became of it.
+std::string fair(LadderFit& fit, double most_mm) {
+  const NormalEquations& equations = *fit.equations;
+  const Eigen::MatrixXd plain = fit.free;
+  const RangeFunction before = range_function(equations, plain);
+  SmoothingBasis basis(equations);
+  const auto at = [&](double weight) -> std::optional<Eigen::MatrixXd> {
+    NormalSolver solver(equations, weight, {.tolerance = 1e-9, .basis = &basis});
+    auto free = solver.solve();
+    if (!free || move_between(range_function(equations, *free), before).most_mm > most_mm) return std::nullopt;
+    return free;
+  };
+  double low = std::max(fit.smoothing, kLeastFairing), high = low;
+  for (auto free = at(low); free && high < kMostFairing; free = at(high)) {
+    fit.free = std::move(*free);
+    fit.smoothing = low = high;
+    high *= 10;
+  }
+  for (int k = 0; k < kFairingSteps; ++k) {
+    const double middle = std::sqrt(low * high);
+    if (auto free = at(middle)) {
+      fit.free = std::move(*free);
+      fit.smoothing = low = middle;
+    } else {
+      high = middle;
+    }
+  }
+  fit.residual_square = equations.residual_square(fit.free);
+  const Move move = move_between(range_function(equations, fit.free), before);
+  const double energy = basis.energy().of(plain);
+  return text("; faired: 95 %% of the surface moved by less than %.3g mm, all of it by less than %.3g mm", move.most_mm,
+              move.largest_mm) +
+         text(", %.2g of the bending energy is left", energy > 0 ? basis.energy().of(fit.free) / energy : 1, 0);
 }
 
 }  // namespace
@@ -222,17 +288,17 @@ std::optional<LadderSearch::Choice> LadderSearch::select(const Options& options)
   if (options.tolerance_mm > 0 && !held)
     choice.stopped_by += text("; the tolerance of %.3g mm was not reached (95th percentile %.3g mm)",
                               options.tolerance_mm, percentile(choice.fit));
-  if (!options.smoothing || !varies || exact || held) return choice;
-
-  const double smoothed = smooth(choice.fit, penalty(*levels), 1e-7);
-  // With smoothing, one refinement further than the samples alone carry may pay.
-  const LadderLevels finer{variation.along_u ? levels->u - 1 : levels->u,
-                           variation.around_v ? levels->v - 1 : levels->v};
-  if (options.fixed || choice.fit.smoothing == 0 || !exists(finer, variation) ||
-      !affordable(finer, variation, {kSamplesPerUnknown, kProfilesPerUnknown}))
-    return choice;
-  if (auto other = solve_member(ladder_, finer, variation))
-    if (smooth(*other, penalty(finer), choice.fit.smoothing / 10) < smoothed) choice.fit = std::move(*other);
+  if (options.smoothing && varies && !exact && !held) {
+    const double smoothed = smooth(choice.fit, penalty(*levels), 1e-7);
+    // With smoothing, one refinement further than the samples alone carry may pay.
+    const LadderLevels finer{variation.along_u ? levels->u - 1 : levels->u,
+                             variation.around_v ? levels->v - 1 : levels->v};
+    if (!options.fixed && choice.fit.smoothing > 0 && exists(finer, variation) &&
+        affordable(finer, variation, {kSamplesPerUnknown, kProfilesPerUnknown}))
+      if (auto other = solve_member(ladder_, finer, variation))
+        if (smooth(*other, penalty(finer), choice.fit.smoothing / 10) < smoothed) choice.fit = std::move(*other);
+  }
+  if (options.fair_mm > 0 && varies) choice.stopped_by += fair(choice.fit, options.fair_mm);
   return choice;
 }
 

@@ -66,6 +66,7 @@ class LadderSearch {
     Inflation inflation;
     double tolerance_mm = 0;
     bool smoothing = true;
+    double fair_mm = 0;  ///< fair the chosen member as far as 95 % of it moves by no more than this
     std::optional<LadderLevels> fixed;
     /// 95th percentile of |e| of a fit; by default 1.96 times its RMS.
     std::function<double(const RangeFunction&)> percentile95;

@@ -320,6 +320,7 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
                               .inflation = noise.inflation,
                               .tolerance_mm = options.tolerance_mm,
                               .smoothing = options.smoothing,
+                              .fair_mm = options.fair_mm,
                               .fixed = std::nullopt,
                               .percentile95 = {}};
   if (options.z_intervals) {

@@ -46,6 +46,9 @@ struct RangeFitOptions {
   std::optional<double> reach_start{}, reach_end{};
   bool robust = true;     ///< Tukey weights by the median absolute deviation
   bool smoothing = true;  ///< bending energy by Mallows' Cp
+  /// Fairing: as little bending energy of the range as moves 95 % of the surface by no more than this along rays; 0:
+  /// none. Of F, so that nothing shrinks: constants have no energy.
+  double fair_mm = 0;
 };
 
 struct ErrorSummary {

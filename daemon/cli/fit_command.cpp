@@ -31,7 +31,7 @@ struct FitArguments {
   std::string input, turned_over, axis = "auto", unit = "mm", shape = "cylinder", model = "auto", space = "curvature",
                                   name, date, report;
   std::vector<std::string> outputs;
-  double tolerance_mm = 0, form_tolerance_mm = -1, chord_mm = 0;
+  double tolerance_mm = 0, form_tolerance_mm = -1, fair_mm = 0, chord_mm = 0;
   std::optional<double> centre_z_mm, split_above_mm, split_below_mm;
   std::vector<int> degree = {3, 3}, knots;
   bool axis_named = false, ap214 = false, json = false;
@@ -62,6 +62,7 @@ RangeFitOptions fit_options(const FitArguments& arguments) {
   RangeFitOptions options;
   options.model = model_from(arguments.model);
   options.tolerance_mm = arguments.tolerance_mm;
+  options.fair_mm = arguments.fair_mm;
   if (arguments.form_tolerance_mm >= 0) options.form_tolerance_mm = arguments.form_tolerance_mm;
   options.degree_u = arguments.degree[0];
   options.degree_v = arguments.degree[1];
@@ -287,6 +288,10 @@ void add_fit_command(CLI::App& program, Run& run) {
       ->add_option("--form-tolerance", arguments->form_tolerance_mm,
                    "deviation from a simpler form that is accepted [mm]; negative: 1e-9 of the size")
       ->check(finite());
+  command
+      ->add_option("--fair", arguments->fair_mm,
+                   "fair the surface as far as 95 % of it stays within this distance of the fit [mm]; 0: not at all")
+      ->check(not_negative());
   command->add_option("--degree", arguments->degree, "degrees of the range function along z and theta, 1 to 5")
       ->expected(2)
       ->check(CLI::Range(1, 5));

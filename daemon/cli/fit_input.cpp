@@ -18,6 +18,14 @@ tl::expected<LocalFrame, std::string> frame_of(ProfileStream& samples) {
   return *frame;
 }
 
+// What CloudOptions::axis does to a file's frame.
+Eigen::Isometry3d with_axis_up(Axis axis) {
+  Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
+  if (axis == Axis::x) X.linear() << 0, 1, 0, 0, 0, 1, 1, 0, 0;
+  if (axis == Axis::y) X.linear() << 0, 0, 1, 1, 0, 0, 0, 1, 0;
+  return X;
+}
+
 }  // namespace
 
 bool on_z(const LocalFrame& own) {
@@ -51,15 +59,15 @@ tl::expected<FitInput, std::string> FitInput::open(const std::filesystem::path& 
 }
 
 tl::expected<void, std::string> FitInput::reopen() {
-  const Eigen::Isometry3d X_LS = X_SL_.inverse();
+  const Eigen::Isometry3d X_LS = X_SL_.value_or(Eigen::Isometry3d::Identity()).inverse();
   CloudOptions options = options_;
-  options.X_SF = X_LS;
+  if (X_SL_) options.X_SF = X_LS * with_axis_up(options_.axis);
   auto first = open_cloud(first_file_, options);
   if (!first) return tl::make_unexpected(first.error().message);
   first_ = std::move(*first);
   stream_ = first_.get();
   if (second_file_.empty()) return {};
-  options.X_SF = X_LS * X_S2_;
+  options.X_SF = X_LS * X_S2_ * with_axis_up(options_.axis);
   auto second = open_cloud(second_file_, options);
   if (!second) return tl::make_unexpected(second.error().message);
   second_ = std::move(*second);
@@ -91,7 +99,7 @@ tl::expected<PoseAlignment, std::string> FitInput::add_turned_over(const std::fi
     if (!(*second)->error().empty()) return tl::make_unexpected((*second)->error());
     if (!own) return named(own.error());
     X_S2 = about_own_axis->X_SL * own->X_SL.inverse();
-    options.X_SF = X_S2;
+    options.X_SF = X_S2 * with_axis_up(options_.axis);
     second = open_cloud(file, options);
     if (!second) return tl::make_unexpected(second.error().message);
   }

@@ -49,7 +49,8 @@ class FitInput {
 
   std::filesystem::path first_file_, second_file_;
   CloudOptions options_;
-  Eigen::Isometry3d X_SL_ = Eigen::Isometry3d::Identity(), X_S2_ = Eigen::Isometry3d::Identity();
+  std::optional<Eigen::Isometry3d> X_SL_;  // nullopt: as the file lies
+  Eigen::Isometry3d X_S2_ = Eigen::Isometry3d::Identity();
   std::unique_ptr<CloudFile> first_, second_;
   std::unique_ptr<std::vector<ProfileStream*>> parts_;
   std::unique_ptr<ProfileStream> joined_;

@@ -508,5 +508,54 @@ TEST(RangeFit, TheMapOfErrorsShowsWhereASurfaceMisses) {
   EXPECT_LT(elsewhere, 0.05);
 }
 
+// Fairing takes bending away within its bound, and nothing from the size.
+TEST(RangeFit, FairingStaysWithinItsBoundAndShrinksNothing) {
+  const auto body = [](double t, double z) { return 30 + 4 * std::sin(2 * kPi * z / 120) + 3 * std::cos(2 * t); };
+  MemoryStream stream = test::scattered(body, 40000, 0.1);
+  const RangeFitOptions plain{.z_intervals = 32, .intervals_per_arc = 16, .smoothing = false};
+  const auto rough = fit(stream, plain);
+  ASSERT_TRUE(rough) << rough.error().message;
+  const auto waviness = [&](const RangeFunction& f) {
+    double square = 0;
+    int n = 0;
+    for (double z = 5; z < 115; z += 1)
+      for (double t = 0.05; t < 6.2; t += 0.1, ++n) {
+        const double r_zz = 4 * std::sin(2 * kPi * z / 120) * -std::pow(2 * kPi / 120, 2);
+        square += std::pow(f.derivatives(t, z).r_z_z - r_zz, 2);
+      }
+    return std::sqrt(square / n);
+  };
+  double last = waviness(rough->function);
+  for (const double bound : {0.005, 0.02, 0.08}) {
+    RangeFitOptions options = plain;
+    options.fair_mm = bound;
+    const auto fair = fit(stream, options);
+    ASSERT_TRUE(fair) << fair.error().message;
+    double mean = 0;
+    std::vector<double> moved;
+    for (double z = 0; z <= 120; z += 1)
+      for (double t = 0; t < 6.28; t += 0.1) {
+        moved.push_back(std::abs(fair->function(t, z) - rough->function(t, z)));
+        mean += fair->function(t, z) - rough->function(t, z);
+      }
+    const auto n = static_cast<double>(moved.size());
+    std::sort(moved.begin(), moved.end());
+    const double most = moved[static_cast<std::size_t>(0.95 * n)];
+    EXPECT_LE(most, 1.1 * bound);
+    EXPECT_GT(most, 0.8 * bound);
+    EXPECT_LT(std::abs(mean / n), 0.01 * bound);
+    EXPECT_LT(waviness(fair->function), last);
+    last = waviness(fair->function);
+    EXPECT_NE(fair->report.stopped_by.find("faired: 95 %"), std::string::npos);
+  }
+  // A bound like the noise of the rough surface finds the smooth one behind it.
+  EXPECT_LT(last, 0.1 * waviness(rough->function));
+  MemoryStream round = test::scattered([](double, double) { return 25; }, 20000, 0.05);
+  const auto cylinder_again = fit(round, {.fair_mm = 1});
+  ASSERT_TRUE(cylinder_again);
+  EXPECT_EQ(cylinder_again->report.model, SurfaceModel::cylinder);
+  EXPECT_NEAR(cylinder_again->function(0, 60), 25, 1e-3);
+}
+
 }  // namespace
 }  // namespace celadon

@@ -245,6 +245,34 @@ TEST(FitCommand, ShapeAutoFindsABodyWithAHead) {
   EXPECT_NE(wrong.err.find("--shape composite"), std::string::npos) << wrong.err;
 }
 
+// A named axis of the file becomes z, by the cyclic permutation that keeps the frame right-handed.
+TEST(FitCommand, NamedAxesAreThoseOfTheFile) {
+  const auto radius = [](double t, double z) { return 20 + 3 * std::cos(2 * t) + 0.1 * z; };
+  std::istringstream upright(cloud_of(radius, 6000));
+  std::string along_x, along_y, along_z;
+  char line[128];
+  for (Eigen::Vector3d p; upright >> p.x() >> p.y() >> p.z();) {
+    const auto put = [&](std::string& text, double x, double y, double z) {
+      std::snprintf(line, sizeof line, "%.17g %.17g %.17g\n", x, y, z);
+      text += line;
+    };
+    put(along_z, p.x(), p.y(), p.z());
+    put(along_y, p.y(), p.z(), p.x());
+    put(along_x, p.z(), p.x(), p.y());
+  }
+  const TemporaryFolder folder;
+  std::vector<std::string> surfaces;
+  for (const auto& [axis, cloud] : {std::pair{"z", along_z}, std::pair{"y", along_y}, std::pair{"x", along_x}}) {
+    const auto input = folder.write(std::string(axis) + ".xyz", cloud);
+    const auto outcome =
+        run({"celadon", "fit", input, "--axis", axis, "-o", folder / (std::string(axis) + ".json"), "--name", "part"});
+    ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+    surfaces.push_back(read_file(folder / (std::string(axis) + ".json")));
+  }
+  EXPECT_EQ(surfaces[1], surfaces[0]);
+  EXPECT_EQ(surfaces[2], surfaces[0]);
+}
+
 // Points of a bellied body with lobes, closed by domes at z = 0 and 60, as a scanner sees what stands at X: all but the
 // lowest part of it.
 std::string seen_of_body(const Eigen::Isometry3d& X, double lowest, unsigned seed) {
@@ -293,6 +321,15 @@ TEST(FitCommand, TurnedOverClosesTheOtherEnd) {
   EXPECT_NEAR(report["geometric_mm"]["rms"].get<double>(), 0.01, 0.002);
   EXPECT_NEAR(report["turned_over"]["scale_mm"].get<double>(), 0.01, 0.003);
   EXPECT_LT(report["turned_over"]["shift_sd_mm"].get<double>(), 0.01);
+  // About an axis that is named, the second pose is found beside it.
+  first.translation() << 0, 0, 25;
+  second.translation() << 0.4, -0.2, 85;
+  const auto upright_z = folder.write("upright_z.xyz", seen_of_body(first, 20, 3)),
+             over_z = folder.write("over_z.xyz", seen_of_body(second, 20, 4));
+  const auto named = run({"celadon", "fit", upright_z, "--turned-over", over_z, "--shape", "auto", "--axis", "z", "-o",
+                          folder / "z.step", "--report", folder / "z.report.json"});
+  ASSERT_EQ(named.exit_code, 0) << named.err;
+  EXPECT_NEAR(json::parse(read_file(folder / "z.report.json"))["geometric_mm"]["rms"].get<double>(), 0.01, 0.002);
   // What the second pose shows of the wrong object is refused.
   const auto other = folder.write("other.xyz", cloud_of([](double, double z) { return 8 + 0.1 * z; }, 5000));
   const auto wrong =
