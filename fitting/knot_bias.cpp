@@ -69,9 +69,13 @@ Eigen::MatrixXd missed(const MomentGrid& sums, const LadderFit& coarse, const La
   const double occupied = static_cast<double>((samples.array() > 0).count());
   const double around = (finer.v.free_count() - space.v.free_count()) / occupied,
                others = (fine.parameters - coarse.parameters) / occupied - around;
-  const double within = noise.inflation.within, both = within + noise.inflation.common;
+  const Inflation& inflation = noise.inflation;
+  const double within = inflation.within, both = within + inflation.common;
+  const auto expected = [&](const LadderFit& fit) {
+    return inflation.mean(fit.parameters, fit.equations->matrix().count_v()) * fit.parameters / occupied;
+  };
   const Eigen::MatrixXd variance = noise.variance * (samples.array() > 0).select(ratios.array(), 0.0).matrix();
-  excess -= (within * others + both * around) * variance;
+  excess -= (expected(fine) - expected(coarse)) * variance;
   const Eigen::MatrixXd chance = 2 * (within * within * others + both * both * around) * variance.cwiseAbs2();
 
   const bool closed = space.v.periodic();
