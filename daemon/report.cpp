@@ -54,6 +54,7 @@ void put_surface(Json& json, const RangeFit& fit) {
   json["kappa"] = r.kappa;
   json["residual_mm"] = to_json(r.residual_mm);
   json["geometric_mm"] = to_json(r.geometric_mm);
+  if (r.sd_max_mm > 0) json["sd_mm"] = {{"mean", r.sd_mean_mm}, {"max", r.sd_max_mm}};
   json["coverage"] = r.coverage;
   json["decided_by"] = r.decided_by;
   json["stopped_by"] = r.stopped_by;

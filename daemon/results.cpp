@@ -157,7 +157,9 @@ tl::expected<void, ResultError> write_surface(std::span<const FittedSurface> pie
     }
     case ResultFormat::surface_json: {
       SurfaceFile surface{{}, notes.name, notes.date, notes.simulated};
-      for (const FittedSurface& piece : pieces) surface.pieces.push_back({piece.function, piece.surface});
+      for (const FittedSurface& piece : pieces)
+        surface.pieces.push_back(
+            {piece.function, piece.surface, piece.deviation ? std::optional(*piece.deviation) : std::nullopt});
       return put(file, format_surface_json(surface));
     }
     case ResultFormat::errors_svg:
@@ -204,9 +206,11 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
 
   std::vector<std::string> names;
   auto start = std::chrono::steady_clock::now();
-  for (const ResultFormat format : kFormats) {  // in this order: the CAD file is what is waited for
-    if (format >= ResultFormat::errors_svg || std::find(formats.begin(), formats.end(), format) == formats.end())
-      continue;
+  const auto asked = [&](ResultFormat format) {
+    return std::find(formats.begin(), formats.end(), format) != formats.end();
+  };
+  for (const ResultFormat format : {ResultFormat::step, ResultFormat::stl, ResultFormat::ply}) {
+    if (!asked(format)) continue;  // the CAD file first: it is what is waited for
     names.push_back(file_name(format, notes.name));
     if (auto written = write_surface(std::span(&fitted, 1), format, staging / names.back(), notes, options); !written) {
       return tl::make_unexpected(written.error());
@@ -221,6 +225,15 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
   auto fit = measured();
   if (!fit) return tl::make_unexpected(fit.error());
   notes.seconds.push_back({"errors", seconds_since(start)});
+  if (asked(ResultFormat::surface_json)) {
+    names.push_back(file_name(ResultFormat::surface_json, notes.name));
+    const FittedSurface whole{fitted.function, fitted.surface, fit->deviation ? &*fit->deviation : nullptr};
+    if (auto written =
+            write_surface(std::span(&whole, 1), ResultFormat::surface_json, staging / names.back(), notes, options);
+        !written) {
+      return tl::make_unexpected(written.error());
+    }
+  }
   const auto report = report_json(*fit, notes);
   names.push_back(file_name(ResultFormat::errors_svg, notes.name));
   if (auto written = write_errors(std::span(&*fit, 1), report, staging / names.back()); !written) {

@@ -41,6 +41,7 @@ struct ResultError {
 struct FittedSurface {
   const RangeFunction& function;
   const NurbsSurface& surface;
+  const DeviationMap* deviation = nullptr;  ///< for surface.json, if it is known
 };
 
 /// Writes one file of a body of pieces, bottom to top: beside, synced, renamed. A STEP file sets notes.solid.
@@ -55,8 +56,8 @@ tl::expected<void, ResultError> write_errors(std::span<const RangeFit> pieces, c
 tl::expected<void, ResultError> write_report(const nlohmann::ordered_json& report, const std::filesystem::path& file);
 
 /// Writes the files of `formats` (STEP first) and report.json into `folder`, which must not exist and appears whole or
-/// not at all. `measured` gives the whole fit; it is asked for when the other files are there. Stages "step", "files"
-/// and "errors" (waited for them) are added to notes.seconds. @returns the names in `folder`
+/// not at all. `measured` gives the whole fit; it is asked for when all files are there that do without. Stages "step",
+/// "files" and "errors" (waited for them) are added to notes.seconds. @returns the names in `folder`
 tl::expected<std::vector<std::string>, ResultError> write_results(
     const FittedSurface& fitted, const std::function<tl::expected<RangeFit, ResultError>()>& measured,
     const std::vector<ResultFormat>& formats, const std::filesystem::path& folder, ResultNotes& notes,

@@ -67,6 +67,7 @@ class Reader {
     if (found == value_.end()) throw Problem{"the field " + path(name) + " is missing"};
     return {*found, path(name)};
   }
+  bool has(const char* name) const { return value_.is_object() && value_.contains(name); }
   Reader at(std::size_t index) const { return {value_[index], place_ + "[" + std::to_string(index) + "]"}; }
   std::size_t size() const {
     if (!value_.is_array()) fail("is not a list");
@@ -195,6 +196,30 @@ RangeFunction read_function(const Reader& field, const BaseSurface& base) {
   return {base, p, q, std::move(knots_u), std::move(knots_v), std::move(f)};
 }
 
+DeviationMap read_deviation(const Reader& field, const BaseSurface& base) {
+  const auto nodes = [&](const char* name, double low, double high) {
+    const Reader list = field.at(name);
+    auto values = list.numbers();
+    if (values.size() < 2 || values.front() != low || values.back() != high) list.fail("does not span the surface");
+    for (std::size_t i = 1; i < values.size(); ++i) {
+      if (!(values[i] > values[i - 1])) list.fail("does not ascend at index " + std::to_string(i));
+    }
+    return values;
+  };
+  auto along = nodes("along", base.band_start, base.band_end), v = nodes("v", 0, base.arcs.count());
+  const Reader rows = field.at("sd_mm");
+  if (rows.size() != along.size()) {
+    rows.fail("has " + std::to_string(rows.size()) + " rows instead of " + std::to_string(along.size()));
+  }
+  Eigen::MatrixXd sd(static_cast<Eigen::Index>(along.size()), static_cast<Eigen::Index>(v.size()));
+  for (std::size_t i = 0; i < along.size(); ++i) {
+    const auto row = rows.at(i).numbers(v.size());
+    sd.row(static_cast<Eigen::Index>(i)) = Eigen::Map<const Eigen::RowVectorXd>(row.data(), sd.cols());
+    if (sd.row(static_cast<Eigen::Index>(i)).minCoeff() < 0) rows.at(i).fail("has a negative number");
+  }
+  return {std::move(along), std::move(v), std::move(sd)};
+}
+
 NurbsSurface read_surface(const Reader& field) {
   NurbsSurface s;
   s.degree_u = field.at("degree_u").whole(1, 12);
@@ -270,12 +295,26 @@ void put_piece(std::string& out, const SurfacePiece& piece) {
     out += std::string(", \"") + axes[k] + "\": ";
     put_array(out, Eigen::Vector3d(base.X_WB.linear().col(k)));
   }
-  out += "}\n  }\n";
+  out += "}\n  }";
+  if (piece.deviation) {
+    const DeviationMap& map = *piece.deviation;
+    out += ",\n  \"standard_deviation\": {\n    \"along\": ";
+    put_array(out, map.along());
+    out += ",\n    \"v\": ";
+    put_array(out, map.v());
+    out += ",\n    \"sd_mm\": ";
+    put_rows(out, map.sd_mm().rows(), "      ",
+             [&](Eigen::Index i) { put_array(out, Eigen::VectorXd(map.sd_mm().row(i))); });
+    out += "\n  }";
+  }
+  out += '\n';
 }
 
 SurfacePiece read_piece(const Reader& field) {
   const BaseSurface base = read_base(field.at("base"));
-  return {read_function(field.at("range_function"), base), read_surface(field.at("surface"))};
+  SurfacePiece piece{read_function(field.at("range_function"), base), read_surface(field.at("surface"))};
+  if (field.has("standard_deviation")) piece.deviation = read_deviation(field.at("standard_deviation"), base);
+  return piece;
 }
 
 }  // namespace

@@ -2,11 +2,13 @@
 // surface.json: the exact surface, the single-valued function and the base geometry. Grammar: RESULTS.md.
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <tl/expected.hpp>
 
+#include "fitting/deviation_map.h"
 #include "fitting/nurbs_surface.h"
 #include "fitting/range_function.h"
 
@@ -15,6 +17,7 @@ namespace celadon {
 struct SurfacePiece {
   RangeFunction function;
   NurbsSurface surface;
+  std::optional<DeviationMap> deviation{};  ///< of the function, if it is known
 };
 
 /// All that surface.json holds.

@@ -17,6 +17,9 @@ class BlockCholesky {
   bool ok() const { return ok_; }
   /// x = A^-1 b over fields. @pre ok()
   void solve(const double* b, double* x) const;
+  /// The entries of A^-1 at the places of A's own: what Takahashi's recursion gives without the whole inverse, at about
+  /// the cost of the factor. @pre ok()
+  StencilMatrix inverse_entries() const;
 
  private:
   std::size_t position(int outer, int inner) const;

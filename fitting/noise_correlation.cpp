@@ -3,12 +3,38 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
+#include <numeric>
 
 namespace celadon {
 namespace {
 constexpr double kSmallestCorrelation = 0.03;
+constexpr double kMostTaken = 0.3;
 constexpr std::size_t kLineSamples = 1 << 18;  // along the line, more samples than this add nothing
+
+// The power of a correlated line over the frequencies up to one cycle in 2 `step` samples, on average; white: 1.
+double mean_power(const std::vector<double>& rho, double step) {
+  double power = rho.front();
+  for (std::size_t k = 1; k < rho.size(); ++k) {
+    const double x = std::numbers::pi * static_cast<double>(k) / step;
+    power += 2 * rho[k] * std::sin(x) / x;
+  }
+  return power;
+}
+
+// Of the lowest frequencies.
+double power_of(const std::vector<double>& rho) {
+  return 2 * std::accumulate(rho.begin(), rho.end(), 0.0) - rho.front();
+}
+
 }  // namespace
+
+double Inflation::mean(double unknowns, double around) const {
+  double finer = 1;
+  if (along.size() > 1 && rows > 0)
+    finer = mean_power(along, std::max(1.0, rows * around / unknowns)) / power_of(along);
+  return within * finer + common * around / unknowns;
+}
 
 NoiseCorrelation::NoiseCorrelation(const Setting& setting) : setting_(setting) {
   stride_ = std::max<std::size_t>(1, setting.samples / kLineSamples);
@@ -20,19 +46,22 @@ NoiseCorrelation::NoiseCorrelation(const Setting& setting) : setting_(setting) {
   cells_z_ = std::max(1, static_cast<int>(cells / cells_v_));
 }
 
-// Of the part of the variance above `plateau`, a covariance that all lags share.
-double NoiseCorrelation::Lags::inflation(double plateau) const {
-  if (!(count[0] > 0) || !(sum[0] > 0)) return 1;
-  const double variance = sum[0] / count[0];
-  double total = 1 - plateau / variance;
+// Of the part of the variance above `plateau`, a covariance that all lags share. What the fit, a low pass, has taken up
+// is missing at lag 0 and at lags up to `reach`.
+std::vector<double> NoiseCorrelation::Lags::correlations(double plateau, double taken, double reach) const {
+  if (!(count[0] > 0) || !(sum[0] > 0)) return {1};
+  const double variance = sum[0] / count[0] / (1 - taken);
+  std::vector<double> rho{1 - plateau / variance};
   for (std::size_t k = 1; k < kLags; ++k) {
     if (!(count[k] > 0)) break;
-    const double rho = (sum[k] / count[k] - plateau) / variance;
+    const double x = std::numbers::pi * static_cast<double>(k) / reach;
+    const double back = x < std::numbers::pi ? taken * variance * std::sin(x) / x : 0;
+    const double next = (sum[k] / count[k] - plateau + back) / variance;
     // A correlation that its own scatter explains is none.
-    if (rho < std::max(kSmallestCorrelation, 3 / std::sqrt(count[k]))) break;
-    total += 2 * rho;
+    if (next < std::max(kSmallestCorrelation, 3 / std::sqrt(count[k]))) break;
+    rho.push_back(next);
   }
-  return total;
+  return rho;
 }
 
 // What the errors of a line have in common, however far apart: the covariance of its longest lags. 0: none.
@@ -182,16 +211,29 @@ double NoiseCorrelation::scattered_kappa() const {
 }
 
 Inflation NoiseCorrelation::inflation(double lack_of_fit) const {
-  if (scattered_count_ > count_) return {scattered_kappa(), 0};
+  if (scattered_count_ > count_) return {.within = scattered_kappa()};
   // Relative to the variance of the errors alone.
   const double share = std::clamp(lack_of_fit, 0.0, 0.99);
-  const double along = along_.inflation(std::max(along_.plateau(), share * along_.variance())) / (1 - share),
-               across = across_.inflation(share * across_.variance()) / (1 - share);
+  // Steps of an interval along a line, and of one around.
+  const double around = setting_.unknowns_around, lines = std::max(profiles_with_mean_, 1.0),
+               rows = count_ / lines * around / setting_.unknowns, profiles = lines / around;
+  Inflation result;
+  double along = 1, across = 1, taken = 0;
+  for (int k = 0; k < 4; ++k) {  // what is taken up grows with the inflation
+    result.along = along_.correlations(std::max(along_.plateau(), share * along_.variance()), taken, rows);
+    along = power_of(result.along) / (1 - share);
+    across = power_of(across_.correlations(share * across_.variance(), taken, profiles)) / (1 - share);
+    const double finer = mean_power(result.along, std::max(1.0, rows)) / power_of(result.along);
+    taken = std::min(kMostTaken, along * across * finer * setting_.unknowns / count_);
+  }
   const double free = profiles_with_mean_ - setting_.unknowns_around;
   double between = along;
-  if (free >= 8 && square_ > 0) between = mean_square_ / free / (square_ / count_ * (1 - share));
+  if (free >= 8 && square_ > 0) between = mean_square_ / free / (square_ / count_ / (1 - taken) * (1 - share));
   const bool common = between > along * (1 + 3 * std::sqrt(2 / std::max(free, 1.0)));
-  return {along * across, common ? (between - along) * across : 0};
+  result.within = along * across;
+  result.common = common ? (between - along) * across : 0;
+  result.rows = count_ / lines;
+  return result;
 }
 
 }  // namespace celadon

@@ -14,10 +14,13 @@ namespace celadon {
 /// By how much correlation inflates the variance of a fit's unknowns: each of them, and in addition those of the
 /// functions that are constant along the profiles, which take up the errors common to a profile.
 struct Inflation {
-  double within = 1, common = 0;
+  double within = 1, common = 0;  ///< of functions that vary slowly along the line
+  /// Correlation of a line's samples 0, 1, 2, ... steps apart, and samples of a line: finer functions see less of it.
+  std::vector<double> along{};
+  double rows = 0;
   double total() const { return within + common; }
   /// Of the mean unknown of a fit with `around` functions constant along the profiles among its unknowns.
-  double mean(double unknowns, double around) const { return within + common * around / unknowns; }
+  double mean(double unknowns, double around) const;
 };
 
 /// kappa from the residuals of a reference fit, profile after profile. Lines of rows: the product over both directions
@@ -50,7 +53,9 @@ class NoiseCorrelation {
     std::array<double, kLags> sum{}, count{};
     double plateau() const;
     double variance() const { return count[0] > 0 ? sum[0] / count[0] : 0; }
-    double inflation(double plateau) const;
+    /// rho_0, rho_1, ... above the plateau, as long as they count. `taken`: the share of the variance that the fit has
+    /// taken up, alike over so many steps.
+    std::vector<double> correlations(double plateau, double taken, double reach) const;
     void merge(const Lags& other);
   };
   struct Laser {

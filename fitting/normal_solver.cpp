@@ -136,6 +136,11 @@ BendingEnergy bending_energy(const NormalEquations& equations) {
   return {gram_matrices(equations.space().u), gram_matrices(equations.space().v, equations.arcs(), r)};
 }
 
+double energy_factor(const NormalEquations& equations, const BendingEnergy& energy, double relative_weight) {
+  const double bending = energy.trace();
+  return bending > 0 ? relative_weight * trace(equations.matrix()) / bending : 0;
+}
+
 const BendingEnergy& SmoothingBasis::energy() {
   if (!energy_) energy_ = bending_energy(equations_);
   return *energy_;
@@ -153,8 +158,7 @@ NormalSolver::NormalSolver(const NormalEquations& equations, double smoothing, c
     : equations_(equations), options_(options) {
   if (!options_.basis) options_.basis = &own_basis_.emplace(equations);
   if (smoothing <= 0) return;
-  const double energy = options_.basis->energy().trace();
-  mu_ = energy > 0 ? smoothing * trace(equations.matrix()) / energy : 0;
+  mu_ = energy_factor(equations, options_.basis->energy(), smoothing);
   if (mu_ > 0) {
     regularised_ = equations.matrix();
     options_.basis->energy().add_to(*regularised_, mu_);

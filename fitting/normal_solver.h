@@ -137,6 +137,8 @@ class NormalSolver {
 
 /// The bending energy of a pair of spaces at the sums' mean range.
 BendingEnergy bending_energy(const NormalEquations& equations);
+/// mu of a weight that is relative to the traces of the normal matrix and of the energy.
+double energy_factor(const NormalEquations& equations, const BendingEnergy& energy, double relative_weight);
 
 /// The range function of free coefficients, over the whole band of its u space.
 RangeFunction range_function(const NormalEquations& equations, const Eigen::MatrixXd& free);

@@ -94,4 +94,29 @@ void PoleSolver::solve(const double* b, double* x) const {
       for (int i = 0; i < matrix_.count_u(); ++i) x[matrix_.at(i, j)] += parameters[k] * jets_.column(k)(i, j);
 }
 
+// The rows' own inverse and what their border adds: G S^-1 G' with G = Q - M_rows^-1 M Q over all free coefficients.
+StencilMatrix PoleSolver::inverse_entries() const {
+  StencilMatrix entries(matrix_.count_u(), matrix_.band_u(), matrix_.count_v(), matrix_.band_v());
+  const StencilMatrix of_rows = factor_->inverse_entries();
+  const int first = jets_.first_row(), n = rows_.count_u(), band = rows_.band_u();
+  for (int o = 0; o < rows_.planes_v(); ++o)
+    for (int du = -band; du <= band; ++du)
+      for (int j = 0; j < rows_.count_v(); ++j)
+        for (int i = std::max(0, -du); i < std::min(n, n - du); ++i)
+          entries.plane(o, du)[entries.at(first + i, j)] = of_rows.plane(o, du)[of_rows.at(i, j)];
+  if (jets_.parameters() == 0) return entries;
+
+  Eigen::MatrixXd g(jets_.parameters(), matrix_.size());  // a column an unknown, u running fastest
+  for (int k = 0; k < jets_.parameters(); ++k) {
+    Eigen::MatrixXd free = jets_.column(k);
+    Eigen::Index at = 0;
+    for (int j = 0; j < rows_.count_v(); ++j)
+      for (int i = 0; i < n; ++i) free(first + i, j) -= solved_border_(at++, k);
+    g.row(k) = Eigen::Map<const Eigen::RowVectorXd>(free.data(), free.size());
+  }
+  schur_.matrixL().solveInPlace(g);
+  entries.add_product(g);
+  return entries;
+}
+
 }  // namespace celadon

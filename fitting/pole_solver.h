@@ -23,6 +23,8 @@ class PoleSolver {
   bool ok() const { return ok_; }
   /// x = P (P' M P)^-1 P' b over fields of M. @pre ok()
   void solve(const double* b, double* x) const;
+  /// The entries of P (P' M P)^-1 P' at the places of M's own. @pre ok()
+  StencilMatrix inverse_entries() const;
 
  private:
   Eigen::VectorXd free_rows(const double* field) const;

@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "fitting/coefficient_covariance.h"
 #include "fitting/coverage.h"
 #include "fitting/fit_ladder.h"
 #include "fitting/fit_report.h"
@@ -182,17 +183,14 @@ bool may_be_revolution(const RobustReference& reference, const RangeFitOptions& 
          kRevolutionScales * reference.scale_mm() + 2 * options.form_tolerance_mm.value_or(options.systematic_mm);
 }
 
-// The knots of a revolution from its own sums, over the same band.
-std::optional<LadderSearch::Choice> select_along(const MomentGrid& sums, const CoveredBand& band,
-                                                 const RangeFitOptions& options, double profiles,
-                                                 const LadderSearch::Options& knots) {
+// The spaces of a revolution in its own sums, over the same band.
+FitLadder ladder_along(const MomentGrid& sums, const CoveredBand& band, const RangeFitOptions& options) {
   const auto& grid = sums.specification();
   const double scale = sums.z_cells() / (grid.z_end_mm - grid.z_start_mm);
   const int first = std::clamp(static_cast<int>((band.z_start_mm - grid.z_start_mm) * scale), 0, sums.z_cells() - 1);
   const int last =
       std::clamp(static_cast<int>(std::ceil((band.z_end_mm - grid.z_start_mm) * scale)), first + 1, sums.z_cells());
-  const FitLadder ladder(sums, {first, last, band.cells.poles}, options.degree_u, options.degree_v, options.continuity);
-  return LadderSearch(sums, ladder, profiles).select(knots);
+  return {sums, {first, last, band.cells.poles}, options.degree_u, options.degree_v, options.continuity};
 }
 
 }  // namespace
@@ -298,7 +296,7 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
     if (!member.determined) return tl::unexpected(FitError{kUndetermined});
     const double samples = static_cast<double>(weighing.sums->samples());
     // The residuals were the robust reference's, which is coarser than the best member.
-    lack_of_fit = 1 - member.residual_square / samples * weighing.samples / weighing.residual_square;
+    lack_of_fit = 1 - member.residual_square / samples * weighing.weight / weighing.weighted_square;
     weighing.residual_square = member.residual_square;
     weighing.samples = samples;
     parameters = member.parameters;
@@ -330,8 +328,11 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
   }
   if (found) knots.percentile95 = [&](const RangeFunction& f) { return reference->percentile95(f); };
   auto choice = (*domain)->search.select(knots);
-  if (choice && choice->fit.levels.u == 0 && decision->model == SurfaceModel::revolution && weighing.revolution)
-    choice = select_along(*weighing.revolution, (*domain)->band, options, look.profiles(), knots);
+  std::optional<FitLadder> along;
+  if (choice && choice->fit.levels.u == 0 && decision->model == SurfaceModel::revolution && weighing.revolution) {
+    along.emplace(ladder_along(*weighing.revolution, (*domain)->band, options));
+    choice = LadderSearch(*weighing.revolution, *along, look.profiles()).select(knots);
+  }
   if (!choice) return tl::unexpected(FitError{kUndetermined});
   report.model = decision->model;
   report.decided_by = decision->decided_by;
@@ -342,6 +343,13 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
   if (auto error = refuse_crossing(fit.function)) return tl::unexpected(*error);
   fit.surface = symbolic_product(fit.function);
   describe(fit, band, *(*domain)->sums);
+  const MemberSamples samples{.sums = along ? *weighing.revolution : *(*domain)->sums,
+                              .ladder = along ? *along : (*domain)->ladder,
+                              .noise_variance = noise.variance,
+                              .inflation = noise.inflation,
+                              .profiles = look.profiles(),
+                              .stated = reweight && look.has_covariances()};
+  fit.errors = std::make_shared<const ErrorSources>(error_sources(samples, std::move(choice->fit)));
   result.band = band;
   result.grid_start_mm = sums.specification().z_start_mm;
   result.grid_end_mm = sums.specification().z_end_mm;

@@ -12,6 +12,7 @@
 #include <tl/expected.hpp>
 
 #include "fitting/coverage.h"
+#include "fitting/deviation_map.h"
 #include "fitting/error_histogram.h"
 #include "fitting/error_map.h"
 #include "fitting/executor.h"
@@ -24,6 +25,8 @@
 #include "fitting/range_space.h"
 
 namespace celadon {
+
+struct ErrorSources;
 
 enum class SurfaceModel { automatic, cylinder, revolution, translational, general };
 /// "auto", "cylinder" (over a sphere "sphere"), "revolution", "translational", "general"
@@ -62,6 +65,7 @@ struct RangeFitReport {
   int control_points_u = 0, control_points_v = 0;
   double noise_mm = 0, kappa = 1;
   ErrorSummary residual_mm, geometric_mm;     ///< e_p along the ray, e_g = e_p cos(psi)
+  double sd_mean_mm = 0, sd_max_mm = 0;       ///< standard deviation of the surface along the ray; 0: not known
   double coverage = 0;                        ///< share of the clipped band's area with samples, 0..1
   std::string decided_by;                     ///< which test chose the model; both decisions
   std::string stopped_by;                     ///< what ended the refinement
@@ -76,12 +80,16 @@ struct RangeFit {
   NurbsSurface surface;
   RangeFitReport report;
   ErrorMap geometric_errors;  ///< perpendicular, of the samples that belong; empty before measure_errors()
+  /// What is needed for the standard deviation of the function at any place: CoefficientCovariance::of(*errors). Null
+  /// for previews.
+  std::shared_ptr<const ErrorSources> errors{};
+  std::optional<DeviationMap> deviation{};  ///< the same over the whole band, ready to use; by measure_errors
 };
 
 class RobustReference;
 
-/// A fit before its errors are measured: function, surface and report but for `rejected`, `unfollowable`, the errors
-/// and the warnings.
+/// A fit before its errors are measured: function, surface and report but for `rejected`, `unfollowable`, the errors,
+/// the standard deviations and the warnings.
 struct SurfaceFit {
   RangeFit fit;
   std::shared_ptr<const RobustReference> judge;  ///< which samples belong to the surface; null: all
@@ -115,8 +123,8 @@ struct SurfaceErrors {
   ErrorSummary geometric_mm() const;
 };
 
-/// What the surface misses the samples by: reads them once more. It may run while the surface is put to use. The errors
-/// are handed out, too, if asked for.
+/// What the surface misses the samples by, which it reads once more, and the standard deviations. It may run while the
+/// surface is put to use. The errors are handed out, too, if asked for.
 RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& executor = run_in_turn,
                         SurfaceErrors* errors = nullptr);
 

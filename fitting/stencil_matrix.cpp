@@ -97,5 +97,29 @@ void StencilMatrix::multiply(const double* x, double* y) const {
   HWY_DYNAMIC_DISPATCH(multiply_fields)(*this, x, y);
 }
 
+void StencilMatrix::scale(double factor) {
+  for (double& entry : entries_) entry *= factor;
+}
+
+void StencilMatrix::scale_both_sides(const Eigen::MatrixXd& d) {
+  for (int o = 0; o < planes_v_; ++o)
+    for (int du = -band_u_; du <= band_u_; ++du)
+      for (int j = 0; j < count_v_; ++j)
+        for (int i = std::max(0, -du); i < std::min(count_u_, count_u_ - du); ++i)
+          plane(o, du)[at(i, j)] *= d(i, j) * d(i + du, neighbour(j, o));
+}
+
+void StencilMatrix::add(const StencilMatrix& b, double factor) {
+  for (std::size_t k = 0; k < entries_.size(); ++k) entries_[k] += factor * b.entries_[k];
+}
+
+void StencilMatrix::add_product(const Eigen::MatrixXd& g) {
+  for (int o = 0; o < planes_v_; ++o)
+    for (int du = -band_u_; du <= band_u_; ++du)
+      for (int j = 0; j < count_v_; ++j)
+        for (int i = std::max(0, -du); i < std::min(count_u_, count_u_ - du); ++i)
+          plane(o, du)[at(i, j)] += g.col(j * count_u_ + i).dot(g.col(neighbour(j, o) * count_u_ + i + du));
+}
+
 }  // namespace celadon
 #endif  // HWY_ONCE

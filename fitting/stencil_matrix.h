@@ -2,6 +2,7 @@
 // The symmetric matrix of normal equations over a grid of free coefficients: banded along u, cyclic and banded along v,
 // kept as one plane of entries per offset. Source: README.md, "Solver".
 
+#include <Eigen/Core>
 #include <cstddef>
 
 #include "fitting/aligned_allocator.h"
@@ -36,6 +37,13 @@ class StencilMatrix {
 
   /// y = A x over fields.
   void multiply(const double* x, double* y) const;
+  void scale(double factor);
+  /// Entry of unknowns a and b times d_a d_b. @pre d is count_u x count_v
+  void scale_both_sides(const Eigen::MatrixXd& d);
+  /// += factor b, entry by entry. @pre of the same counts and bands
+  void add(const StencilMatrix& b, double factor);
+  /// += g' g where there are entries. g: a column an unknown, u running fastest
+  void add_product(const Eigen::MatrixXd& g);
   std::size_t memory_bytes() const { return entries_.capacity() * sizeof(double); }
 
  private:

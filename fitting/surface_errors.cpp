@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "fitting/cell_polynomials.h"
+#include "fitting/coefficient_covariance.h"
 #include "fitting/error_histogram.h"
 #include "fitting/fit_report.h"
 #include "fitting/range_fit.h"
@@ -100,6 +101,14 @@ RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& 
   report.geometric_mm = all.missed.geometric_mm();
   surface.fit.geometric_errors = std::move(all.map);
   if (errors) *errors = std::move(all.missed);
+  const BaseSurface& base = surface.fit.function.base();
+  if (surface.fit.errors)
+    if (const auto covariance = CoefficientCovariance::of(*surface.fit.errors)) {
+      const DeviationMap& map =
+          surface.fit.deviation.emplace(deviation_map(*covariance, base.band_start, base.band_end));
+      report.sd_mean_mm = map.mean(base);
+      report.sd_max_mm = map.largest();
+    }
   warn(surface.fit, surface.band);
   return std::move(surface.fit);
 }

@@ -1,5 +1,6 @@
 #include "fitting/weighing.h"
 
+#include <cmath>
 #include <limits>
 #include <utility>
 #include <vector>
@@ -35,17 +36,22 @@ Weighing weigh_part(const MomentGrid& sums, ProfileStream& profiles, const CellP
     const std::vector<double>& v = pass.v();
     weight.assign(n, 0.0);
     for (std::size_t k = 0; k < n; ++k) {
+      double relative = 1;
       if (pass.usable(k, low, high)) {
         weight[k] = task.judge ? task.judge->verdict(v[k], p->z_mm[k], p->r_mm[k], residual[k]).weight : 1;
         if (weight[k] > 0 && by_covariance) {
           const double variance = residual_variance(p->covariance[k], to_function.r_theta[k], to_function.r_z[k]);
-          if (variance > 0) weight[k] *= task.scale_mm * task.scale_mm / variance;
+          if (variance > 0) relative = task.scale_mm * task.scale_mm / variance;
+          weight[k] *= relative;
         }
       }
       if (weight[k] > 0) {
         result.residual_square += residual[k] * residual[k];
         ++result.samples;
+        result.weighted_square += weight[k] * residual[k] * residual[k];
+        result.weight += weight[k];
         if (result.extents) result.extents->add(v[k], p->z_mm[k]);
+        residual[k] *= std::sqrt(relative);  // correlation is that of errors of one variance
       } else {
         residual[k] = std::numeric_limits<double>::quiet_NaN();
       }
@@ -62,6 +68,8 @@ Weighing weigh_part(const MomentGrid& sums, ProfileStream& profiles, const CellP
 void Weighing::merge(const Weighing& later) {
   residual_square += later.residual_square;
   samples += later.samples;
+  weighted_square += later.weighted_square;
+  weight += later.weight;
   correlation.merge(later.correlation);
   if (sums) sums->merge(*later.sums);
   if (extents) extents->merge(*later.extents);

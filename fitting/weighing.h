@@ -28,6 +28,7 @@ struct WeighingTask {
 struct Weighing {
   explicit Weighing(const NoiseCorrelation::Setting& setting) : correlation(setting) {}
   double residual_square = 0, samples = 0;  ///< of the samples with weight
+  double weighted_square = 0, weight = 0;   ///< sums of w e^2 and w
   NoiseCorrelation correlation;
   std::optional<MomentGrid> sums;  ///< weights with the mean 1
   std::optional<SectorExtents> extents;

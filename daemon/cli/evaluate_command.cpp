@@ -66,7 +66,8 @@ int evaluate(const EvaluateArguments& arguments) {
     return fail(2, "'" + arguments.surface + "' has no piece " + std::to_string(arguments.piece) + "; it has " +
                        std::to_string(file->pieces.size()) + ", counted from below");
   }
-  const RangeFunction& function = file->pieces[arguments.piece - 1].function;
+  const SurfacePiece& piece = file->pieces[arguments.piece - 1];
+  const RangeFunction& function = piece.function;
   const BaseSurface& base = function.base();
   // Along the base: heights in mm, on a sphere polar angles in degrees.
   const bool spherical = base.spherical();
@@ -106,7 +107,8 @@ int evaluate(const EvaluateArguments& arguments) {
     }
   }
   std::string csv = spherical ? "angle_deg,polar_deg,rho_mm" : "angle_deg,height_mm,r_mm";
-  csv += ",x_mm,y_mm,z_mm,normal_x,normal_y,normal_z,curvature_max_per_mm,curvature_min_per_mm\n";
+  csv += ",x_mm,y_mm,z_mm,normal_x,normal_y,normal_z,curvature_max_per_mm,curvature_min_per_mm";
+  csv += piece.deviation ? ",sd_mm\n" : "\n";
   for (const double place : places) {
     const double z = !spherical     ? place
                      : place == end ? base.band_end
@@ -115,10 +117,15 @@ int evaluate(const EvaluateArguments& arguments) {
       const double theta = angle * std::numbers::pi / 180;
       const SurfacePoint point = function.surface_point(theta, z);
       char row[512];
-      std::snprintf(row, sizeof row, "%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", angle,
-                    place, function(theta, z), point.p_W.x(), point.p_W.y(), point.p_W.z(), point.normal_W.x(),
+      std::snprintf(row, sizeof row, "%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g", angle, place,
+                    function(theta, z), point.p_W.x(), point.p_W.y(), point.p_W.z(), point.normal_W.x(),
                     point.normal_W.y(), point.normal_W.z(), point.curvature_max, point.curvature_min);
       csv += row;
+      if (piece.deviation) {
+        std::snprintf(row, sizeof row, ",%.4g", (*piece.deviation)(base.arcs.v_of_theta(theta), z));
+        csv += row;
+      }
+      csv += '\n';
     }
   }
   if (arguments.output.empty()) {
@@ -134,9 +141,10 @@ int evaluate(const EvaluateArguments& arguments) {
 
 void add_evaluate_command(CLI::App& program, Run& run) {
   auto arguments = std::make_shared<EvaluateArguments>();
-  auto* command = program.add_subcommand(
-      "evaluate",
-      "Points, outward normals and principal curvatures (1/mm, positive where convex) of a surface.json as CSV.");
+  auto* command = program.add_subcommand("evaluate",
+                                         "Points, outward normals and principal curvatures (1/mm, positive where "
+                                         "convex) of a surface.json as CSV, and the\n"
+                                         "standard deviation of the range along the ray where the file holds it.");
   command->option_defaults()->always_capture_default();
   command->add_option("SURFACE", arguments->surface, "surface.json of a scan or fit")->required();
   command->add_option("--angles", arguments->angles, "angles [degrees]: a list a,b,c or a range first:step:last");

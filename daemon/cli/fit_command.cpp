@@ -216,7 +216,8 @@ int fit(const FitArguments& arguments) {
   files.ap214 = arguments.ap214;
   files.chord_mm = arguments.chord_mm;
   std::vector<FittedSurface> pieces;
-  for (const RangeFit& piece : fitted->pieces()) pieces.push_back({piece.function, piece.surface});
+  for (const RangeFit& piece : fitted->pieces())
+    pieces.push_back({piece.function, piece.surface, piece.deviation ? &*piece.deviation : nullptr});
   for (const auto& [format, file] : outputs) {
     const auto written = format == ResultFormat::report_json ? write_report(fitted->report(notes), file)
                          : format == ResultFormat::errors_svg

@@ -97,6 +97,10 @@ std::string summary_of(const json& report) {
   text +=
       "  noise       " + length(report["noise_mm"]) + line(" (correlation factor %.2f)", report["kappa"].get<double>());
   text += "  fit error   " + errors(report["geometric_mm"]) + " (perpendicular)\n";
+  if (report.contains("sd_mm")) {
+    text += "  uncertainty standard deviation of the surface along the ray " + length(report["sd_mm"]["mean"]) +
+            " on average, at most " + length(report["sd_mm"]["max"]) + "\n";
+  }
   if (composite) {
     for (const auto& piece : report["pieces"]) text += coverage_line(piece);
   } else {

@@ -49,6 +49,8 @@ RangeFit sample_fit(double a = 30, double b = 1.0 / 3) {
   fit.report.kappa = 1.25;
   fit.report.residual_mm = {0.02, 0.04, 0.1};
   fit.report.geometric_mm = {0.019, 0.039, 0.09};
+  fit.report.sd_mean_mm = 0.001;
+  fit.report.sd_max_mm = 0.004;
   fit.report.coverage = 1;
   fit.report.decided_by = "tolerance";
   fit.report.stopped_by = "Cp";
@@ -62,7 +64,10 @@ RangeFit sample_fit(double a = 30, double b = 1.0 / 3) {
 
 SurfaceFile sample_file() {
   const RangeFit fit = sample_fit();
-  return {{{fit.function, fit.surface}}, "vase \"1\"", "2026-01-02T03:04:05Z", true};
+  Eigen::MatrixXd sd(3, 2);
+  sd << 0.001, 0.00123, 0.004, 0.005, 0, 1.0 / 3;
+  return {
+      {{fit.function, fit.surface, DeviationMap({5, 35, 65}, {0, 4}, sd)}}, "vase \"1\"", "2026-01-02T03:04:05Z", true};
 }
 
 TEST(SurfaceJson, EveryNumberComesBack) {
@@ -79,6 +84,11 @@ TEST(SurfaceJson, EveryNumberComesBack) {
   EXPECT_EQ(back->pieces.front().surface.knots_u, file.pieces.front().surface.knots_u);
   EXPECT_EQ(back->pieces.front().surface.degree_v, file.pieces.front().surface.degree_v);
   EXPECT_EQ(back->pieces.front().function.base().band_end, 65);
+  const auto &map = back->pieces.front().deviation, &written = file.pieces.front().deviation;
+  ASSERT_TRUE(map);
+  EXPECT_EQ(map->along(), written->along());
+  EXPECT_EQ(map->v(), written->v());
+  EXPECT_EQ(map->sd_mm(), written->sd_mm());
   EXPECT_EQ(format_surface_json(*back), text);
 }
 
@@ -162,6 +172,11 @@ TEST(SurfaceJson, NamesWhatIsWrong) {
       {"/base/frame/z", json::array({0, 0, -1}), "base.frame"},
       {"/base/arcs", 7, "base.arcs"},
       {"/simulated", "no", "simulated"},
+      {"/standard_deviation/sd_mm/2/1", -0.1, "standard_deviation.sd_mm[2]"},
+      {"/standard_deviation/sd_mm/0", json::array({1}), "standard_deviation.sd_mm[0]"},
+      {"/standard_deviation/along/1", 70, "standard_deviation.along"},
+      {"/standard_deviation/v/1", 3, "standard_deviation.v"},
+      {"/standard_deviation", 3, "standard_deviation"},
   };
   for (const Case& c : cases) {
     json bad = good;
@@ -174,6 +189,12 @@ TEST(SurfaceJson, NamesWhatIsWrong) {
   json missing = good;
   missing["base"].erase("z_start_mm");
   EXPECT_NE(parse_surface_json(missing.dump(), "f").error().find("base.z_start_mm is missing"), std::string::npos);
+  // Files without standard deviations are whole.
+  json older = good;
+  older.erase("standard_deviation");
+  const auto read = parse_surface_json(older.dump(), "f");
+  ASSERT_TRUE(read) << read.error();
+  EXPECT_FALSE(read->pieces.front().deviation);
   EXPECT_FALSE(parse_surface_json("", "f"));
   EXPECT_FALSE(parse_surface_json("{\"version\": 1e999}", "f"));
   EXPECT_FALSE(parse_surface_json(std::string(100'000, '['), "f"));
@@ -219,7 +240,7 @@ TEST(Report, HasExactlyTheDocumentedFields) {
                        "points", "rejected",    "unfollowable", "model",    "degree",     "control_points", "noise_mm",
                        "kappa",  "residual_mm", "geometric_mm", "coverage", "decided_by", "stopped_by",     "base",
                        "frame",  "band_mm",     "cut_mm",       "size_mm",  "warnings",   "seconds",        "truth_mm",
-                       "scan",   "closure_mm",  "solid"}));
+                       "scan",   "closure_mm",  "solid",        "sd_mm"}));
   // RESULTS.md names every one of them.
   const std::string document = read_file(std::filesystem::path(CELADON_SOURCE_DIR) / "daemon/RESULTS.md");
   for (const std::string& name : names) EXPECT_NE(document.find("`" + name + "`"), std::string::npos) << name;
@@ -228,6 +249,7 @@ TEST(Report, HasExactlyTheDocumentedFields) {
   EXPECT_EQ(j["residual_mm"], json({{"rms", 0.02}, {"p95", 0.04}, {"max", 0.1}}));
   EXPECT_EQ(j["frame"]["origin"], json({0.0, 0.0, 0.0}));
   EXPECT_EQ(j["frame"]["z"], json({0.0, 0.0, 1.0}));
+  EXPECT_EQ(j["sd_mm"], json({{"mean", 0.001}, {"max", 0.004}}));
   EXPECT_EQ(j["warnings"], json({"first", "second"}));
   EXPECT_EQ(j["seconds"]["scan"], 2.0);
   EXPECT_EQ(j["truth_mm"]["bias"], -0.001);

@@ -145,7 +145,8 @@ TEST(FitCommand, RevolutionComesBackExactFromTheStepFile) {
     std::vector<double> v;
     std::istringstream cells(line);
     for (std::string cell; std::getline(cells, cell, ',');) v.push_back(std::stod(cell));
-    ASSERT_EQ(v.size(), 11u);
+    ASSERT_EQ(v.size(), 12u);
+    EXPECT_LT(v[11], 1e-6);  // no noise: what the sums resolve
     const double z = v[1], slope = 0.2 - 0.012 * z + 12e-5 * z * z, bend = -0.012 + 24e-5 * z;
     const double r = radius(0, z), metric = std::sqrt(1 + slope * slope);
     EXPECT_NEAR(v[2], r, 1e-9);
@@ -155,6 +156,22 @@ TEST(FitCommand, RevolutionComesBackExactFromTheStepFile) {
     EXPECT_NEAR(v[10], std::min(along, around), 1e-8);
   }
   EXPECT_EQ(rows, 16);
+}
+
+// The mean of n samples is off by sigma/sqrt(n).
+TEST(FitCommand, EvaluateTellsTheStandardDeviation) {
+  const TemporaryFolder folder;
+  const auto input = folder.write("noisy.xyz", cloud_of([](double, double) { return 25.0; }, 20000, 0.02));
+  const auto outcome = run({"celadon", "fit", input, "-o", folder / "s.json", "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json report = json::parse(read_file(folder / "r.json"));
+  ASSERT_EQ(report["model"], "cylinder");
+  EXPECT_NEAR(report["sd_mm"]["mean"].get<double>(), 0.02 / std::sqrt(20000), 0.05 * 0.02 / std::sqrt(20000));
+  EXPECT_EQ(report["sd_mm"]["mean"], report["sd_mm"]["max"]);
+  const auto evaluated = run({"celadon", "evaluate", folder / "s.json", "--angles", "77", "--heights", "41"});
+  ASSERT_EQ(evaluated.exit_code, 0) << evaluated.err;
+  EXPECT_NE(evaluated.out.find(",sd_mm\n"), std::string::npos);
+  EXPECT_EQ(std::stod(evaluated.out.substr(evaluated.out.rfind(',') + 1)), report["sd_mm"]["max"].get<double>());
 }
 
 // A vase that leans beside the origin: the surface in the file is on the true one, in the file's coordinates.

@@ -1,0 +1,212 @@
+#include "fitting/coefficient_covariance.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <utility>
+#include <vector>
+
+#include "fitting/block_cholesky.h"
+#include "fitting/cell_residuals.h"
+#include "fitting/knot_bias.h"
+#include "fitting/local_variance.h"
+#include "fitting/pole_solver.h"
+
+namespace celadon {
+namespace {
+
+// Step of the difference that gives M^-1 C M^-1, relative to the largest ratio of C to M: its square is the error.
+constexpr double kStep = 0.03, kSmallestStep = 1e-4;
+constexpr double kFew = 0.1;          // share of the usual samples under a function below which it counts as without
+constexpr double kResolution = 1e-8;  // of the range, of residuals
+constexpr double kRidge = 1e-12;
+constexpr int kMostActive = 6;
+
+std::optional<StencilMatrix> inverse_entries(const StencilMatrix& matrix, const PoleJets* jets) {
+  if (jets) {
+    const PoleSolver factor(matrix, *jets);
+    return factor.ok() ? std::optional(factor.inverse_entries()) : std::nullopt;
+  }
+  const BlockCholesky factor(matrix);
+  return factor.ok() ? std::optional(factor.inverse_entries()) : std::nullopt;
+}
+
+// What errors common to a profile add: coefficients c(v) of functions that are constant along u scatter as A_v^-1, and
+// the fit answers to them with M^-1 A T c, T = 1 x I. A column an unknown, its square the variance.
+std::optional<Eigen::MatrixXd> common_errors(const NormalEquations& equations, double smoothing) {
+  const int nu = equations.matrix().count_u(), nv = equations.matrix().count_v();
+  NormalSolver solver(equations, smoothing, {.direct = true});
+  Eigen::MatrixXd response(nv, nu * nv), around(nv, nv);
+  AlignedVector<double> product(equations.matrix().field_size());
+  for (int j = 0; j < nv; ++j) {
+    Eigen::MatrixXd constant = Eigen::MatrixXd::Zero(nu, nv);
+    constant.col(j).setOnes();
+    equations.matrix().multiply(equations.to_field(constant).data(), product.data());
+    const Eigen::MatrixXd of_samples = equations.to_matrix(product);
+    around.row(j) = of_samples.colwise().sum();
+    const auto solved = solver.apply_inverse(of_samples);
+    if (!solved) return std::nullopt;
+    response.row(j) = Eigen::Map<const Eigen::RowVectorXd>(solved->data(), solved->size());
+  }
+  around.diagonal().array() += kRidge * around.trace() / nv;
+  const Eigen::LLT<Eigen::MatrixXd> factor(around);
+  if (factor.info() != Eigen::Success) return std::nullopt;
+  factor.matrixL().solveInPlace(response);
+  return response;
+}
+
+StencilMatrix matrix_of(const NormalEquations& equations, const BendingEnergy& energy) {
+  const StencilMatrix& a = equations.matrix();
+  StencilMatrix matrix(a.count_u(), a.band_u(), a.count_v(), a.band_v());
+  energy.add_to(matrix, 1);
+  return matrix;
+}
+
+// tau: where there are samples, what Mallows' Cp has weighed against them, kappa sigma^2/mu; where there are none, the
+// surface's own, which has the object's coarse bends in it too.
+Eigen::MatrixXd roughness(const LadderFit& member, double smoothing, double noise) {
+  const NormalEquations& equations = *member.equations;
+  const BendingEnergy energy = bending_energy(equations);
+  const StencilMatrix &a = equations.matrix(), e = matrix_of(equations, energy);
+  const double mu = energy_factor(equations, energy, smoothing);
+  const auto x = equations.to_field(member.free);
+  AlignedVector<double> bent(x.size());
+  e.multiply(x.data(), bent.data());
+  double own = 0;
+  for (std::size_t k = 0; k < x.size(); ++k) own += x[k] * bent[k] / a.size();
+  const double weighed = member.smoothing > 0 && mu > 0 ? noise / mu : own;
+  const double more = equations.empty_cells() > 0 ? std::max(0.0, own - weighed) : 0;
+  double usual = 0;  // on the diagonal of A
+  for (int j = 0; j < a.count_v(); ++j)
+    for (int i = 0; i < a.count_u(); ++i) usual += a.diagonal(i, j) / a.size();
+  Eigen::MatrixXd tau(a.count_u(), a.count_v());
+  for (int j = 0; j < a.count_v(); ++j)
+    for (int i = 0; i < a.count_u(); ++i) {
+      const double missing = std::max(0.0, 1 - a.diagonal(i, j) / (kFew * usual));
+      tau(i, j) = std::sqrt(weighed + missing * more);
+    }
+  return tau;
+}
+
+// Values of the functions of a space that do not vanish at t.
+struct ActiveValues {
+  std::array<int, kMostActive> index{};
+  std::array<double, kMostActive> value{};
+  std::size_t count = 0;
+  ActiveValues(const RangeSpace& space, double t) {
+    const auto& breaks = space.breaks();
+    const auto next = std::upper_bound(breaks.begin() + 1, breaks.end() - 1, t);
+    const int interval = static_cast<int>(next - breaks.begin()) - 1;
+    const double lo = *(next - 1), hi = *next, s = 2 * (std::clamp(t, lo, hi) - lo) / (hi - lo) - 1;
+    const auto active = space.active(interval);
+    for (; count < active.size(); ++count) {
+      const auto polynomial = space.polynomial(interval, static_cast<int>(count));
+      for (std::size_t i = polynomial.size(); i-- > 0;) value[count] = value[count] * s + polynomial[i];
+      index[count] = active[count];
+    }
+  }
+};
+
+}  // namespace
+
+ErrorSources error_sources(const MemberSamples& samples, LadderFit member) {
+  ErrorSources sources;
+  const NormalEquations& equations = *member.equations;
+  const StencilMatrix& matrix = equations.matrix();
+  // No better than what sums resolve.
+  const double resolved = kResolution * equations.mean_range();
+  sources.noise_variance = std::max(samples.noise_variance, resolved * resolved);
+  const double mean_inflation = samples.inflation.mean(member.parameters, matrix.count_v());
+  sources.inflation = samples.inflation;
+  sources.smoothing = member.smoothing > 0 ? member.smoothing : equations.empty_cells() > 0 ? kVanishingWeight : 0;
+  if (sources.smoothing > 0)
+    sources.roughness = roughness(member, sources.smoothing, mean_inflation * sources.noise_variance);
+  const CellResiduals residuals = cell_residuals(samples.sums, equations, member.free);
+  LocalNoise noise{sources.noise_variance, Eigen::MatrixXd::Ones(residuals.square.rows(), residuals.square.cols()),
+                   samples.inflation};
+  sources.noise = matrix;
+  if (!samples.stated) {
+    noise.ratios = variance_ratios(residuals, mean_inflation * member.parameters, equations.mean_range());
+    const MomentCells cells = residuals.moments.cells();
+    AlignedVector<double> scaled(cells.sums, cells.cell(0, cells.count_v()));
+    const auto stride = static_cast<std::size_t>(cells.layout.stride());
+    for (std::size_t k = 0; k < scaled.size(); ++k) scaled[k] *= noise.ratios.data()[k / stride];
+    sources.noise =
+        NormalEquations(samples.sums, {cells.layout, cells.edges_z, cells.edges_v, scaled.data()}, equations.space())
+            .matrix();
+  }
+  sources.noise.scale(sources.noise_variance);
+  sources.largest_variance = noise.ratios.maxCoeff() * sources.noise_variance;
+  sources.knot_bias = knot_bias(samples.ladder, samples.sums, member, noise, samples.profiles);
+  sources.equations = std::move(member.equations);
+  return sources;
+}
+
+std::optional<CoefficientCovariance> CoefficientCovariance::of(const ErrorSources& sources) {
+  const NormalEquations& equations = *sources.equations;
+  const PoleJets* const jets = equations.jets();
+  // M = A + mu E was solved. Of a truth whose bending loads E x have the covariance T E T, T = diag(tau), it makes the
+  // error M^-1 (noise) - M^-1 mu E x, of covariance M^-1 C M^-1 with C = within N + mu^2 T E T.
+  StencilMatrix system = equations.matrix(), errors = sources.noise;
+  errors.scale(sources.inflation.within);
+  double ratio = sources.inflation.within * sources.largest_variance;  // C <= ratio M, were tau the same everywhere
+  if (sources.smoothing > 0) {
+    const BendingEnergy energy = bending_energy(equations);
+    const double mu = energy_factor(equations, energy, sources.smoothing);
+    energy.add_to(system, mu);
+    StencilMatrix loads = matrix_of(equations, energy);
+    loads.scale_both_sides(mu * sources.roughness);
+    errors.add(loads, 1);
+    ratio = std::max(ratio, sources.roughness.array().square().maxCoeff() * mu);
+  }
+  if (!(ratio > 0)) return std::nullopt;
+  // M^-1 C M^-1 is minus the derivative of (M + t C)^-1.
+  std::optional<StencilMatrix> entries;
+  for (double step = kStep; !entries && step > kSmallestStep; step /= 10) {
+    const double t = step / ratio;
+    StencilMatrix less = system, more = system;
+    less.add(errors, -t);
+    more.add(errors, t);
+    entries = inverse_entries(less, jets);
+    const auto subtracted = entries ? inverse_entries(more, jets) : std::nullopt;
+    if (!subtracted) continue;
+    entries->add(*subtracted, -1);
+    entries->scale(1 / (2 * t));
+  }
+  if (!entries) return std::nullopt;
+  const double common = sources.inflation.common * sources.noise_variance;
+  if (common > 0) {
+    auto of_profiles = common_errors(equations, sources.smoothing);
+    if (!of_profiles) return std::nullopt;
+    entries->add_product(*of_profiles * std::sqrt(common));
+  }
+  // As if the coefficients missed the truth by so much, all to one side: the functions add up to 1.
+  entries->add_product(Eigen::Map<const Eigen::RowVectorXd>(sources.knot_bias.data(), sources.knot_bias.size()));
+  return CoefficientCovariance(sources.equations, std::move(*entries));
+}
+
+double CoefficientCovariance::sd_mm(double v, double along) const {
+  const ActiveValues of_u(space().u, along), of_v(space().v, v);
+  double variance = 0;
+  for (std::size_t a = 0; a < of_v.count; ++a)
+    for (std::size_t b = 0; b < of_v.count; ++b) {
+      const int plane = entries_.plane_of(of_v.index[a], of_v.index[b]);
+      double over_u = 0;
+      for (std::size_t c = 0; c < of_u.count; ++c) {
+        double row = 0;
+        for (std::size_t d = 0; d < of_u.count; ++d)
+          row += of_u.value[d] *
+                 entries_.plane(plane, of_u.index[d] - of_u.index[c])[entries_.at(of_u.index[c], of_v.index[a])];
+        over_u += of_u.value[c] * row;
+      }
+      variance += of_v.value[a] * of_v.value[b] * over_u;
+    }
+  return std::sqrt(std::max(variance, 0.0));
+}
+
+void CoefficientCovariance::evaluate(const double* v, const double* along, std::size_t n, double* sd) const {
+  for (std::size_t k = 0; k < n; ++k) sd[k] = sd_mm(v[k], along[k]);
+}
+
+}  // namespace celadon
