@@ -7,8 +7,6 @@
 #define CELADON_LASER_LINE_SEARCH_INL_H_
 #endif
 
-#include <cstring>
-
 #include "acquisition/laser_line_kernels.h"
 #include "hwy/highway.h"
 
@@ -51,18 +49,16 @@ HWY_INLINE V in_order(D d, V v) {
   return hn::BitCast(d, hn::TableLookupLanes(blocks, hn::SetTableIndices(d32, order)));
 }
 
-/// Means of 4 neighbouring bytes: mean(mean, mean), each rounded up.
+/// Means of 4 neighbouring bytes: mean(mean, mean), each rounded up. bytes(i, k) is vector i of four, k bytes further.
 template <class D, class F>
 HWY_INLINE auto means_of_4(D d, F&& bytes) {
   const hn::RepartitionToWide<D> d16;
   const hn::RepartitionToWide<decltype(d16)> d32;
-  const auto right8 = [&](auto v) HWY_ATTR { return hn::BitCast(d, hn::ShiftRight<8>(hn::BitCast(d16, v))); };
-  const auto left8 = [&](auto v) HWY_ATTR { return hn::BitCast(d, hn::ShiftLeft<8>(hn::BitCast(d16, v))); };
-  const auto pairs = [&](auto even, auto odd)
-                         HWY_ATTR {  // means of even's pairs in the even bytes, of odd's in the odd
-                           return hn::OddEven(hn::AverageRound(odd, left8(odd)), hn::AverageRound(even, right8(even)));
-                         };
-  const auto low = pairs(bytes(0), bytes(1)), high = pairs(bytes(2), bytes(3));
+  const auto pairs = [&](int even, int odd) HWY_ATTR {  // means of even's pairs in the even bytes, of odd's in the odd
+    return hn::OddEven(hn::AverageRound(bytes(odd, 0), bytes(odd, -1)),
+                       hn::AverageRound(bytes(even, 0), bytes(even, 1)));
+  };
+  const auto low = pairs(0, 1), high = pairs(2, 3);
   const auto low_means = hn::AverageRound(low, hn::BitCast(d, hn::ShiftRight<16>(hn::BitCast(d32, low))));
   const auto high_means = hn::AverageRound(high, hn::BitCast(d, hn::ShiftLeft<16>(hn::BitCast(d32, high))));
   const auto quads = hn::OddEven(hn::BitCast(d16, high_means), hn::BitCast(d16, low_means));
@@ -86,10 +82,9 @@ HWY_INLINE VI colour(DI di, VI y, VI u, VI v) {
 template <class D>
 HWY_INLINE auto yuv_means(D d, const std::uint8_t* bytes) {
   const hn::RepartitionToWide<hn::RepartitionToWide<D>> d32;
-  const hn::RepartitionToWide<decltype(d32)> d64;
-  const auto first = hn::LoadU(d, bytes), second = hn::LoadU(d, bytes + hn::Lanes(d));
-  const auto low = hn::AverageRound(first, hn::BitCast(d, hn::ShiftRight<32>(hn::BitCast(d64, first))));
-  const auto high = hn::AverageRound(second, hn::BitCast(d, hn::ShiftLeft<32>(hn::BitCast(d64, second))));
+  const std::uint8_t* second = bytes + hn::Lanes(d);
+  const auto low = hn::AverageRound(hn::LoadU(d, bytes), hn::LoadU(d, bytes + 4));
+  const auto high = hn::AverageRound(hn::LoadU(d, second), hn::LoadU(d, second - 4));
   return hn::OddEven(hn::BitCast(d32, high), hn::BitCast(d32, low));
 }
 
@@ -144,21 +139,31 @@ HWY_INLINE void store_colour_cells(D d, const std::uint8_t* on, const std::uint8
 
 /// One cell (mean signal) for each 4 pixels.
 template <Signal kSignal, bool kSubtract, class D>
-HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, int cell_count, std::uint8_t* cells) {
+HWY_NOINLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, int cell_count, std::uint8_t* cells) {
   constexpr int kBytesPerCell = kSignal == Signal::grey ? 4 : 8;
   const int lanes = static_cast<int>(hn::Lanes(d));
   for_each_vector(cell_count, lanes, [&](int cell) {
     const std::uint8_t* lit = on + cell * kBytesPerCell;
     const std::uint8_t* dark = kSubtract ? off + cell * kBytesPerCell : nullptr;
     if constexpr (kSignal == Signal::grey || kSignal == Signal::yuyv_luma) {
+      const hn::RepartitionToWide<D> d16;
       const auto bytes = [&](int i) {
         const auto v = hn::LoadU(d, lit + i * lanes);
         if constexpr (kSubtract) return hn::SaturatedSub(v, hn::LoadU(d, dark + i * lanes));
         return v;
       };
-      const auto pixels = [&](int i) {
-        if constexpr (kSignal == Signal::yuyv_luma) return hn::ConcatEven(d, bytes(2 * i + 1), bytes(2 * i));
-        return bytes(i);
+      const auto pixels = [&](int i, int further) HWY_ATTR {
+        if constexpr (kSignal == Signal::grey && !kSubtract) {
+          return hn::LoadU(d, lit + i * lanes + further);  // costs less than a shift
+        } else {
+          const auto v = [&]() HWY_ATTR {
+            if constexpr (kSignal == Signal::grey) return bytes(i);
+            return hn::ConcatEven(d, bytes(2 * i + 1), bytes(2 * i));
+          }();
+          if (further == 0) return v;
+          const auto pairs = hn::BitCast(d16, v);
+          return hn::BitCast(d, further > 0 ? hn::ShiftRight<8>(pairs) : hn::ShiftLeft<8>(pairs));
+        }
       };
       hn::StoreU(means_of_4(d, pixels), d, cells + cell);
     } else {
@@ -186,34 +191,28 @@ HWY_INLINE void pad_cells(std::uint8_t* cells, int cell_count) {
 }
 
 /// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
-/// does not. Each lane keeps its two largest scores and where the first of them was, so that no second pass is needed.
+/// does not.
 /// @pre padded cells; scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
-HWY_INLINE void score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores, ScoreLanes& best) {
+HWY_NOINLINE void score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores, ScoreLanes& best) {
   const D8 d;
   const hn::Repartition<std::uint64_t, D8> d64;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto mean_of_8_px = [&](int i) {
     return hn::AverageRound(hn::LoadU(d, cells + i), hn::LoadU(d, cells + i + 1));
   };
-  const auto zero = hn::Zero(d), one = hn::Set(d, 1);
-  auto highest = zero, second = zero, where = zero, vector = one;
+  const auto zero = hn::Zero(d);
+  auto highest = zero;
   auto sum = hn::Zero(d64);
   int i = 0;
   for (; i < cell_count; i += lanes) {
     const auto score = hn::SaturatedSub(mean_of_8_px(i), hn::Max(mean_of_8_px(i - 3), mean_of_8_px(i + 3)));
     hn::Store(score, d, scores + i);
-    const auto higher = hn::Max(highest, score);
-    second = hn::Max(second, hn::Min(highest, score));
-    where = hn::IfThenElse(hn::Eq(higher, highest), where, vector);
-    highest = higher;
-    vector = hn::Add(vector, one);
+    highest = hn::Max(highest, score);
     sum = hn::Add(sum, hn::SumsOf8(score));
   }
   hn::Store(zero, d, scores - lanes);
   hn::Store(zero, d, scores + i);
   hn::Store(highest, d, best.highest);
-  hn::Store(second, d, best.second);
-  hn::Store(where, d, best.where);
   hn::Store(sum, d64, best.sum);
 }
 
@@ -233,7 +232,7 @@ struct CoarsePeak {
   int center_px = 0;  ///< of status found, even
 };
 
-inline constexpr int kBlankCells = 6;
+inline constexpr int kBlankCells = 6;  ///< on each side of a peak
 
 HWY_INLINE int first_cell_of(const std::uint8_t* scores, int cell_count, int score) {
   const D8 d;
@@ -245,68 +244,62 @@ HWY_INLINE int first_cell_of(const std::uint8_t* scores, int cell_count, int sco
   return 0;
 }
 
-/// First cell of the largest score.
-HWY_INLINE int place_of(const ScoreLanes& best, int highest) {
+/// Scores of the 2 kBlankCells + 1 cells about a peak, and zeros.
+HWY_INLINE auto blanked_scores(const std::uint8_t* scores, int cell) {
+  const hn::CappedTag<std::uint8_t, 16> d;
+  return hn::IfThenElseZero(hn::FirstN(d, 2 * kBlankCells + 1), hn::LoadU(d, scores + cell - kBlankCells));
+}
+
+/// Sets the scores about a peak to zero.
+HWY_INLINE void blank(std::uint8_t* scores, int cell) {
+  const hn::CappedTag<std::uint8_t, 16> d;
+  std::uint8_t* at = scores + cell - kBlankCells;
+  hn::StoreU(hn::IfThenZeroElse(hn::FirstN(d, 2 * kBlankCells + 1), hn::LoadU(d, at)), d, at);
+}
+
+HWY_INLINE int largest_score(const std::uint8_t* scores, int cell_count) {
   const D8 d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  std::uint8_t bits[8] = {};
-  hn::StoreMaskBits(d, hn::Eq(hn::Load(d, best.highest), hn::Set(d, static_cast<std::uint8_t>(highest))), bits);
-  std::uint64_t rest = 0;
-  for (int i = 0; i < 8; ++i) rest |= std::uint64_t{bits[i]} << (8 * i);
-  int first = kMaximumWidthPx;
-  for (; rest != 0; rest &= rest - 1) {
-    const int lane = static_cast<int>(hwy::Num0BitsBelowLS1Bit_Nonzero64(rest));
-    first = HWY_MIN(first, (best.where[lane] - 1) * lanes + lane);
+  auto highest = hn::Zero(d);
+  for (int i = 0; i < cell_count; i += static_cast<int>(hn::Lanes(d))) {
+    highest = hn::Max(highest, hn::Load(d, scores + i));
   }
-  return first;
+  return largest(highest);
 }
 
-/// Largest score further than kBlankCells from `cell`. Of the blanked cells each is alone in its lane: where it is the
-/// lane's largest, the lane's second counts.
-HWY_INLINE int largest_away_from(const ScoreLanes& best, int cell) {
-  const D8 d;
-  static_assert(hn::MaxLanes(D8()) > 2 * kBlankCells);
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const int start = cell - kBlankCells + lanes;  // vectors count from 1
-  const auto set = [&](int v) HWY_ATTR { return hn::Set(d, static_cast<std::uint8_t>(v)); };
-  const auto lane = hn::Iota(d, 0), first_lane = set(start % lanes);
-  const auto before = hn::VecFromMask(d, hn::Lt(lane, first_lane));  // in the next vector: less -1
-  const auto vector = hn::Sub(set(start / lanes), before);
-  const auto distance = hn::And(hn::Sub(lane, first_lane), set(lanes - 1));
-  const auto blanked = hn::And(hn::Lt(distance, set(2 * kBlankCells + 1)), hn::Eq(hn::Load(d, best.where), vector));
-  return largest(hn::IfThenElse(blanked, hn::Load(d, best.second), hn::Load(d, best.highest)));
+HWY_INLINE int sum_of(const ScoreLanes& best) {
+  const hn::Repartition<std::uint64_t, D8> d;
+  return static_cast<int>(hn::GetLane(hn::SumOfLanes(d, hn::Load(d, best.sum))));
 }
 
-/// Sum of the scores further than kBlankCells from `cell`.
-HWY_INLINE int sum_away_from(const ScoreLanes& best, const std::uint8_t* scores, int cell) {
-  const hn::Repartition<std::uint64_t, D8> d64;
-  const hn::CappedTag<std::uint8_t, 16> d16;
-  const hn::Repartition<std::uint64_t, decltype(d16)> d16_64;
-  const auto blanked =
-      hn::IfThenElseZero(hn::FirstN(d16, 2 * kBlankCells + 1), hn::LoadU(d16, scores + cell - kBlankCells));
-  return static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, hn::Load(d64, best.sum))) -
-                          hn::GetLane(hn::SumOfLanes(d16_64, hn::SumsOf8(blanked))));
+template <class V>
+HWY_INLINE int sum_of_bytes(V v) {
+  const hn::Repartition<std::uint64_t, hn::DFromV<V>> d;
+  return static_cast<int>(hn::GetLane(hn::SumOfLanes(d, hn::SumsOf8(v))));
 }
 
 /// The lines of a block of scored rows: status found with a center, or why there is none. One question at a time for
 /// all rows, so that they wait for memory and reductions together.
-HWY_INLINE void coarse_peaks(Scratch& s, int row_count, int cell_count, const LaserLineOptions& options,
+HWY_NOINLINE void coarse_peaks(Scratch& s, int row_count, int cell_count, const LaserLineOptions& options,
                              CoarsePeak* peaks) {
   int highest[kBlockRows], cell[kBlockRows], second[kBlockRows], sum[kBlockRows];
+  Vertex vertex[kBlockRows];
   const auto scores_of = [&](int i) { return s.scores[i] + kPaddingCells; };
   for (int i = 0; i < row_count; ++i) highest[i] = largest(hn::Load(D8(), s.best[i].highest));
-  for (int i = 0; i < row_count; ++i) cell[i] = place_of(s.best[i], highest[i]);
-  for (int i = 0; i < row_count; ++i) second[i] = largest_away_from(s.best[i], cell[i]);
-  for (int i = 0; i < row_count; ++i) sum[i] = sum_away_from(s.best[i], scores_of(i), cell[i]);
+  for (int i = 0; i < row_count; ++i) cell[i] = first_cell_of(scores_of(i), cell_count, highest[i]);
   for (int i = 0; i < row_count; ++i) {
     std::uint8_t* scores = scores_of(i);
+    vertex[i] = vertex_of(scores[cell[i] - 1], highest[i], scores[cell[i] + 1]);
+    sum[i] = sum_of(s.best[i]) - sum_of_bytes(blanked_scores(scores, cell[i]));
+    blank(scores, cell[i]);
+  }
+  for (int i = 0; i < row_count; ++i) second[i] = largest_score(scores_of(i), cell_count);
+  for (int i = 0; i < row_count; ++i) {
+    const std::uint8_t* scores = scores_of(i);
     peaks[i] = {};
     if (highest[i] < options.minimum_contrast) continue;
-    const Vertex vertex = vertex_of(scores[cell[i] - 1], highest[i], scores[cell[i] + 1]);
-    const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * vertex.height;
+    const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * vertex[i].height;
     // A vertex is at most an eighth of its score higher than the score.
     if (static_cast<float>(second[i]) * 1.125f > limit) {
-      std::memset(scores + cell[i] - kBlankCells, 0, 2 * kBlankCells + 1);
       const int at = first_cell_of(scores, cell_count, second[i]);
       if (vertex_of(scores[at - 1], second[i], scores[at + 1]).height > limit) {
         peaks[i].status = RowStatus::ambiguous;
@@ -316,7 +309,7 @@ HWY_INLINE void coarse_peaks(Scratch& s, int row_count, int cell_count, const La
     const int blanked = HWY_MIN(cell[i] + kBlankCells, cell_count - 1) - HWY_MAX(cell[i] - kBlankCells, 0) + 1;
     if (highest[i] * (cell_count - blanked) < kNoiseFactor * sum[i]) continue;
     // The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
-    const int offset_px = 2 * (static_cast<int>(2 * vertex.offset_cells + 16.25f) - 16);
+    const int offset_px = 2 * (static_cast<int>(2 * vertex[i].offset_cells + 16.25f) - 16);
     peaks[i] = {RowStatus::found, 4 * cell[i] + 4 + offset_px};
   }
 }

@@ -5,7 +5,6 @@
 #include "hwy/highway.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "acquisition/laser_line_kernels.h"
 #include "acquisition/laser_line_search-inl.h"
@@ -22,10 +21,17 @@ HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
   // A line cut by the frame's border has no centre to be known.
   if (!(s.good[lane] > 0) || x < margin || x > static_cast<float>(width - 1) - margin) return;
   row.x_px = x;
-  row.sigma_px = std::sqrt(s.variance_x[lane]);
+  row.sigma_px = s.sigma_x[lane];
   row.amplitude = s.amplitude[lane];
   row.width_px = s.width[lane];
   row.status = window.saturated ? RowStatus::saturated : RowStatus::found;
+}
+
+/// Lines by the time that each step takes.
+HWY_INLINE PrefetchPlan plan_of(LineRefinement refinement, int row_lines) {
+  const auto share = [&](int percent) { return (row_lines * percent + 99) / 100; };
+  if (refinement == LineRefinement::zero_crossing) return {share(28), share(64), 0};
+  return {share(17), share(40), share(110) * static_cast<int>(hn::Lanes(DF())) / kBlockRows};
 }
 
 template <Signal kSignal, bool kSubtract>
@@ -37,13 +43,11 @@ void extract_block(const Job& job, int first_row, int row_count) {
     return frame + static_cast<std::size_t>(first_row + i) * job.stride_bytes;
   };
   const int rows_ahead = std::min(kBlockRows, job.height_px - first_row - row_count);
-  Prefetcher ahead(row_of(job.on, row_count), kSubtract ? row_of(job.off, row_count) : nullptr,
-                   static_cast<std::size_t>(rows_ahead) * job.stride_bytes);
-  // Some times a row, rows of two bytes a pixel more often; the rest while positions are refined.
-  constexpr std::size_t kTimes = kSignal == Signal::grey ? 3 : 4;
-  const std::size_t parts = (job.options.refinement == LineRefinement::zero_crossing ? 54 : 36) / kTimes;
+  const int row_lines = static_cast<int>(job.stride_bytes / Prefetcher::kLineBytes) + 1;
+  s.prefetch = plan_of(job.options.refinement, row_lines);
+  Prefetcher ahead(row_of(job.on, row_count), kSubtract ? row_of(job.off, row_count) : nullptr, rows_ahead * row_lines);
   for (int i = 0; i < row_count; ++i) {
-    ahead.advance(parts);
+    ahead.advance(s.prefetch.a_row);
     const std::uint8_t* on = row_of(job.on, i);
     const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
     std::uint8_t* cells = s.cells[i] + kPaddingCells;
@@ -53,17 +57,16 @@ void extract_block(const Job& job, int first_row, int row_count) {
       decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);
     }
     pad_cells(cells, cell_count);
-    if constexpr (kTimes == 4) ahead.advance(parts);
   }
   for (int i = 0; i < row_count; ++i) {
-    ahead.advance(parts);
+    ahead.advance(s.prefetch.a_row);
     score_cells(s.cells[i] + kPaddingCells, cell_count, s.scores[i] + kPaddingCells, s.best[i]);
   }
   CoarsePeak peaks[kBlockRows];
   coarse_peaks(s, row_count, cell_count, job.options, peaks);
   bool any_whole = false, any_partial = false;
   for (int i = 0; i < kBlockRows; ++i) {
-    ahead.advance(parts);
+    ahead.advance(s.prefetch.a_row);
     s.window[i].kind = WindowKind::none;
     if (i >= row_count) continue;
     LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
