@@ -6,7 +6,6 @@
 #include <span>
 
 #include "acquisition/laser_line.h"
-#include "hwy/cache_control.h"
 
 namespace celadon::line_kernels {
 
@@ -19,6 +18,8 @@ inline constexpr int kPaddingCells = 128;  ///< before and after a decimated row
 inline constexpr int kRowCells = kMaximumWidthPx / 4 + 2 * kPaddingCells;
 inline constexpr int kWindowPx = 64;   ///< pixels cut out about the coarse peak
 inline constexpr int kBlockRows = 16;  ///< rows of the image worked on together, one per SIMD lane
+
+inline constexpr int kRowsInWork = 4;  ///< rows that the coarse search works on at once, each at another step
 
 /// What a row's window holds: no line; a line of which every pixel can be used; one with saturated pixels or at the
 /// border.
@@ -38,43 +39,11 @@ struct ScoreLanes {
   alignas(64) std::uint64_t sum[8];
 };
 
-/// Asks for the bytes of the next block while this one is worked on, a few lines of the cache at a time and all through
-/// its work: a core waits for some twenty lines at once, and while none is asked for memory stands idle. Each place in
-/// the code asks for the same number of lines every time, so that its loop ends where it is expected to.
-class Prefetcher {
- public:
-  static constexpr int kLineBytes = 64;
-
-  Prefetcher() = default;
-  Prefetcher(const std::uint8_t* on, const std::uint8_t* off, int lines) : on_(on), off_(off), left_(lines) {}
-
-  void advance(int lines) {
-    lines = lines < left_ ? lines : left_;
-    left_ -= lines;
-    for (int i = 0; i < lines; ++i) hwy::Prefetch(on_ + i * kLineBytes);
-    on_ += lines * kLineBytes;
-    if (off_ == nullptr) return;
-    for (int i = 0; i < lines; ++i) hwy::Prefetch(off_ + i * kLineBytes);
-    off_ += lines * kLineBytes;
-  }
-
- private:
-  const std::uint8_t *on_ = nullptr, *off_ = nullptr;
-  int left_ = 0;
-};
-
-/// Lines of the cache that are asked for at a time.
-struct PrefetchPlan {
-  int a_row = 0;   ///< three times a row in the search
-  int a_step = 0;  ///< at each of four steps of the preparation
-  int a_pass = 0;  ///< with each pass over a vector of rows
-};
-
 /// A block of rows on its way from bytes to positions.
 struct Scratch {
-  alignas(64) std::uint8_t cells[kBlockRows][kRowCells];
-  ScoreLanes best[kBlockRows];  ///< between the two: cells and scores a multiple of 4096 bytes apart wait for each other
-  alignas(64) std::uint8_t scores[kBlockRows][kRowCells];
+  alignas(64) std::uint8_t cells[kRowsInWork][kRowCells];
+  ScoreLanes best[kRowsInWork];
+  alignas(64) std::uint8_t scores[kRowsInWork][kRowCells];
   alignas(64) std::int16_t cut[kBlockRows][kWindowPx];     ///< signal about the coarse peak
   alignas(64) std::int16_t usable[kBlockRows][kWindowPx];  ///< 0: saturated or outside the frame; else -1
   Window window[kBlockRows];
@@ -82,8 +51,6 @@ struct Scratch {
   /// each kind fills as few vectors as it can.
   int row[kBlockRows];
   WindowKind kind[kBlockRows];
-  Prefetcher ahead;
-  PrefetchPlan prefetch;
   alignas(64) std::int16_t signal[kWindowPx][kBlockRows];         ///< cut, [pixel][lane]
   alignas(64) std::int16_t usable_signal[kWindowPx][kBlockRows];  ///< usable, [pixel][lane]; only of partial windows
   alignas(64) float ambient_variance[kBlockRows];                 ///< noise of a pixel without laser light

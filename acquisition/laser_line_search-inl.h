@@ -15,8 +15,8 @@ namespace celadon::line_kernels {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// At most 64 lanes: padding and scratch memory are made for these.
-using D8 = hn::CappedTag<std::uint8_t, 64>;
+/// At most 32 lanes: of loads from unaligned places, longer ones would all take two lines of the cache.
+using D8 = hn::CappedTag<std::uint8_t, 32>;
 using V8 = hn::VFromD<D8>;
 /// For frames too narrow for D8: 16 cells, the narrowest row allowed.
 using DNarrow = hn::CappedTag<std::uint8_t, 16>;
@@ -139,7 +139,7 @@ HWY_INLINE void store_colour_cells(D d, const std::uint8_t* on, const std::uint8
 
 /// One cell (mean signal) for each 4 pixels.
 template <Signal kSignal, bool kSubtract, class D>
-HWY_NOINLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, int cell_count, std::uint8_t* cells) {
+HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, int cell_count, std::uint8_t* cells) {
   constexpr int kBytesPerCell = kSignal == Signal::grey ? 4 : 8;
   const int lanes = static_cast<int>(hn::Lanes(d));
   for_each_vector(cell_count, lanes, [&](int cell) {
@@ -193,7 +193,7 @@ HWY_INLINE void pad_cells(std::uint8_t* cells, int cell_count) {
 /// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
 /// does not.
 /// @pre padded cells; scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
-HWY_NOINLINE void score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores, ScoreLanes& best) {
+HWY_INLINE void score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores, ScoreLanes& best) {
   const D8 d;
   const hn::Repartition<std::uint64_t, D8> d64;
   const int lanes = static_cast<int>(hn::Lanes(d));
@@ -277,41 +277,41 @@ HWY_INLINE int sum_of_bytes(V v) {
   return static_cast<int>(hn::GetLane(hn::SumOfLanes(d, hn::SumsOf8(v))));
 }
 
-/// The lines of a block of scored rows: status found with a center, or why there is none. One question at a time for
-/// all rows, so that they wait for memory and reductions together.
-HWY_NOINLINE void coarse_peaks(Scratch& s, int row_count, int cell_count, const LaserLineOptions& options,
-                             CoarsePeak* peaks) {
-  int highest[kBlockRows], cell[kBlockRows], second[kBlockRows], sum[kBlockRows];
-  Vertex vertex[kBlockRows];
-  const auto scores_of = [&](int i) { return s.scores[i] + kPaddingCells; };
-  for (int i = 0; i < row_count; ++i) highest[i] = largest(hn::Load(D8(), s.best[i].highest));
-  for (int i = 0; i < row_count; ++i) cell[i] = first_cell_of(scores_of(i), cell_count, highest[i]);
-  for (int i = 0; i < row_count; ++i) {
-    std::uint8_t* scores = scores_of(i);
-    vertex[i] = vertex_of(scores[cell[i] - 1], highest[i], scores[cell[i] + 1]);
-    sum[i] = sum_of(s.best[i]) - sum_of_bytes(blanked_scores(scores, cell[i]));
-    blank(scores, cell[i]);
+/// The search of a scored row, in steps, so that steps of different rows are worked on at once and none waits for the
+/// other's reductions.
+struct RowSearch {
+  int highest = 0, cell = 0, sum_away = 0;  ///< largest score, its first cell, sum of the scores away from it
+  Vertex vertex;
+};
+
+HWY_INLINE void find_peak(const std::uint8_t* scores, int cell_count, const ScoreLanes& best, RowSearch& row) {
+  row.highest = largest(hn::Load(D8(), best.highest));
+  row.cell = first_cell_of(scores, cell_count, row.highest);
+}
+
+/// Takes the peak out of the scores.
+HWY_INLINE void take_peak(std::uint8_t* scores, const ScoreLanes& best, RowSearch& row) {
+  row.vertex = vertex_of(scores[row.cell - 1], row.highest, scores[row.cell + 1]);
+  row.sum_away = sum_of(best) - sum_of_bytes(blanked_scores(scores, row.cell));
+  blank(scores, row.cell);
+}
+
+/// What the peak that was taken out is, next to what is left: status found with a center, or why there is none.
+HWY_INLINE CoarsePeak judge_peak(const std::uint8_t* scores, int cell_count, const RowSearch& row,
+                                 const LaserLineOptions& options) {
+  const int second = largest_score(scores, cell_count);
+  if (row.highest < options.minimum_contrast) return {};
+  const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * row.vertex.height;
+  // A vertex is at most an eighth of its score higher than the score.
+  if (static_cast<float>(second) * 1.125f > limit) {
+    const int at = first_cell_of(scores, cell_count, second);
+    if (vertex_of(scores[at - 1], second, scores[at + 1]).height > limit) return {RowStatus::ambiguous, 0};
   }
-  for (int i = 0; i < row_count; ++i) second[i] = largest_score(scores_of(i), cell_count);
-  for (int i = 0; i < row_count; ++i) {
-    const std::uint8_t* scores = scores_of(i);
-    peaks[i] = {};
-    if (highest[i] < options.minimum_contrast) continue;
-    const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * vertex[i].height;
-    // A vertex is at most an eighth of its score higher than the score.
-    if (static_cast<float>(second[i]) * 1.125f > limit) {
-      const int at = first_cell_of(scores, cell_count, second[i]);
-      if (vertex_of(scores[at - 1], second[i], scores[at + 1]).height > limit) {
-        peaks[i].status = RowStatus::ambiguous;
-        continue;
-      }
-    }
-    const int blanked = HWY_MIN(cell[i] + kBlankCells, cell_count - 1) - HWY_MAX(cell[i] - kBlankCells, 0) + 1;
-    if (highest[i] * (cell_count - blanked) < kNoiseFactor * sum[i]) continue;
-    // The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
-    const int offset_px = 2 * (static_cast<int>(2 * vertex[i].offset_cells + 16.25f) - 16);
-    peaks[i] = {RowStatus::found, 4 * cell[i] + 4 + offset_px};
-  }
+  const int blanked = HWY_MIN(row.cell + kBlankCells, cell_count - 1) - HWY_MAX(row.cell - kBlankCells, 0) + 1;
+  if (row.highest * (cell_count - blanked) < kNoiseFactor * row.sum_away) return {};
+  // The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
+  const int offset_px = 2 * (static_cast<int>(2 * row.vertex.offset_cells + 16.25f) - 16);
+  return {RowStatus::found, 4 * row.cell + 4 + offset_px};
 }
 
 }  // namespace HWY_NAMESPACE

@@ -27,11 +27,14 @@ HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
   row.status = window.saturated ? RowStatus::saturated : RowStatus::found;
 }
 
-/// Lines by the time that each step takes.
-HWY_INLINE PrefetchPlan plan_of(LineRefinement refinement, int row_lines) {
-  const auto share = [&](int percent) { return (row_lines * percent + 99) / 100; };
-  if (refinement == LineRefinement::zero_crossing) return {share(28), share(64), 0};
-  return {share(17), share(40), share(110) * static_cast<int>(hn::Lanes(DF())) / kBlockRows};
+inline constexpr int kRowsAsked = 5;  ///< rows between the one in work and the one that memory is asked for
+
+/// Asks for a row some time before it is worked on. Into the second level of the cache: the first waits for few lines
+/// at once, and is full of rows in work.
+HWY_INLINE void ask_for(const std::uint8_t* row, std::size_t bytes) {
+  constexpr std::size_t kLineBytes = 64;
+  constexpr int kSecondLevel = 2;
+  for (std::size_t i = 0; i < bytes; i += kLineBytes) __builtin_prefetch(row + i, 0, kSecondLevel);
 }
 
 template <Signal kSignal, bool kSubtract>
@@ -42,44 +45,52 @@ void extract_block(const Job& job, int first_row, int row_count) {
   const auto row_of = [&](const std::uint8_t* frame, int i) {
     return frame + static_cast<std::size_t>(first_row + i) * job.stride_bytes;
   };
-  const int rows_ahead = std::min(kBlockRows, job.height_px - first_row - row_count);
-  const int row_lines = static_cast<int>(job.stride_bytes / Prefetcher::kLineBytes) + 1;
-  s.prefetch = plan_of(job.options.refinement, row_lines);
-  Prefetcher ahead(row_of(job.on, row_count), kSubtract ? row_of(job.off, row_count) : nullptr, rows_ahead * row_lines);
-  for (int i = 0; i < row_count; ++i) {
-    ahead.advance(s.prefetch.a_row);
-    const std::uint8_t* on = row_of(job.on, i);
-    const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
-    std::uint8_t* cells = s.cells[i] + kPaddingCells;
-    if (narrow) {  // NOLINT(bugprone-branch-clone): the same where vectors have 16 lanes
-      decimate<kSignal, kSubtract>(DNarrow(), on, off, cell_count, cells);
-    } else {
-      decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);
-    }
-    pad_cells(cells, cell_count);
-  }
-  for (int i = 0; i < row_count; ++i) {
-    ahead.advance(s.prefetch.a_row);
-    score_cells(s.cells[i] + kPaddingCells, cell_count, s.scores[i] + kPaddingCells, s.best[i]);
-  }
-  CoarsePeak peaks[kBlockRows];
-  coarse_peaks(s, row_count, cell_count, job.options, peaks);
+  const std::size_t row_bytes = static_cast<std::size_t>(job.width_px) * (kSignal == Signal::grey ? 1 : 2);
+  RowSearch search[kRowsInWork];
   bool any_whole = false, any_partial = false;
-  for (int i = 0; i < kBlockRows; ++i) {
-    ahead.advance(s.prefetch.a_row);
-    s.window[i].kind = WindowKind::none;
-    if (i >= row_count) continue;
-    LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
-    row = {};
-    const CoarsePeak& peak = peaks[i];
-    if (peak.status != RowStatus::found) {
+  for (int i = row_count; i < kBlockRows; ++i) s.window[i].kind = WindowKind::none;
+  // A row's four steps in four turns: its stores are in the cache when it is read again.
+  for (int turn = 0; turn < row_count + kRowsInWork - 1; ++turn) {
+    const auto in_turn = [&](int step, auto&& work) {
+      const int i = turn - step;
+      if (i >= 0 && i < row_count) work(i, i % kRowsInWork);
+    };
+    in_turn(0, [&](int i, int slot) {
+      if (first_row + i + kRowsAsked < job.height_px) {
+        ask_for(row_of(job.on, i + kRowsAsked), row_bytes);
+        if constexpr (kSubtract) ask_for(row_of(job.off, i + kRowsAsked), row_bytes);
+      }
+      const std::uint8_t* on = row_of(job.on, i);
+      const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
+      std::uint8_t* cells = s.cells[slot] + kPaddingCells;
+      if (narrow) {  // NOLINT(bugprone-branch-clone): the same where vectors have 16 lanes
+        decimate<kSignal, kSubtract>(DNarrow(), on, off, cell_count, cells);
+      } else {
+        decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);
+      }
+      pad_cells(cells, cell_count);
+    });
+    in_turn(1, [&](int, int slot) {
+      score_cells(s.cells[slot] + kPaddingCells, cell_count, s.scores[slot] + kPaddingCells, s.best[slot]);
+    });
+    in_turn(2, [&](int, int slot) {
+      std::uint8_t* scores = s.scores[slot] + kPaddingCells;
+      find_peak(scores, cell_count, s.best[slot], search[slot]);
+      take_peak(scores, s.best[slot], search[slot]);
+    });
+    in_turn(3, [&](int i, int slot) {
+      const CoarsePeak peak = judge_peak(s.scores[slot] + kPaddingCells, cell_count, search[slot], job.options);
+      LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
+      row = {};
       row.status = peak.status;
-      continue;
-    }
-    take_row<kSignal, kSubtract>(s, i, row_of(job.on, i), kSubtract ? row_of(job.off, i) : nullptr, job.width_px,
-                                 peak.center_px, job.options);
-    any_whole = any_whole || s.window[i].kind == WindowKind::whole;
-    any_partial = any_partial || s.window[i].kind == WindowKind::partial;
+      s.window[i].kind = WindowKind::none;
+      if (peak.status != RowStatus::found) return;
+      row.status = RowStatus::no_line;
+      take_row<kSignal, kSubtract>(s, i, row_of(job.on, i), kSubtract ? row_of(job.off, i) : nullptr, job.width_px,
+                                   peak.center_px, job.options);
+      any_whole = any_whole || s.window[i].kind == WindowKind::whole;
+      any_partial = any_partial || s.window[i].kind == WindowKind::partial;
+    });
   }
   const auto refine = [&](auto&& refine_rows, WindowKind kind) {
     refine_rows(s, job.options);
@@ -89,7 +100,6 @@ void extract_block(const Job& job, int first_row, int row_count) {
     }
   };
   if (!any_whole && !any_partial) return;
-  s.ahead = ahead;
   assign_lanes(s, any_partial);
   transpose(s.cut, s.row, s.signal);
   if (any_whole) refine(refine_block<false>, WindowKind::whole);

@@ -368,7 +368,6 @@ HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
   } else {
     find_crossings(s, p);
   }
-  s.ahead.advance(s.prefetch.a_step);
   for (int row = 0; row < kBlockRows; ++row) p.near[row] = 13;
   sum_background<kMasked>(s, p);
   for (int lane = 0; lane < kBlockRows; lane += lanes) {
@@ -377,9 +376,7 @@ HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
     const auto half = hn::MulSub(set(0.5f), light, set(0.29f));
     hn::Store(hn::DemoteTo(DH(), hn::NearestInt(half)), DH(), p.half + lane);
   }
-  s.ahead.advance(s.prefetch.a_step);
   count_above_half<kMasked>(s, p);
-  s.ahead.advance(s.prefetch.a_step);
   for (int lane = 0; lane < kBlockRows; lane += lanes) {
     const auto before = load_float(p.before + lane), after = load_float(p.after + lane);
     const auto above = load_float(p.above + lane), crossing = load_float(p.crossing + lane);
@@ -410,7 +407,6 @@ HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
     hn::Store(growth, d, s.amplitude + lane);
     hn::Store(hn::IfThenElseZero(good, set(1.f)), d, s.good + lane);
   }
-  s.ahead.advance(s.prefetch.a_step);
   sum_background<kMasked>(s, p);
   for (int lane = 0; lane < kBlockRows; lane += lanes) {
     const Background b = background_of(p, lane);
@@ -453,7 +449,6 @@ HWY_NOINLINE void improve(Scratch& s, const LaserLineOptions& options, float spe
   const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
     if (!has_rows<kMasked>(s, lane)) continue;
-    s.ahead.advance(s.prefetch.a_pass);
     LineModel m = model_of(s, lane);
     Normal n = normal_sums<kMasked, kPass>(s, lane, m, noise_of(s, lane, options, speckle));
     if constexpr (kPass == Pass::tells_speckle) {  // position, amplitude and width take up a share of the noise
@@ -510,7 +505,7 @@ HWY_INLINE void pool_widths(Scratch& s, WindowKind kind) {
 
 /// Refines the rows of the block that are of one kind, in place; s.good is cleared where no line is left.
 template <bool kMasked>
-HWY_NOINLINE void refine_block(Scratch& s, const LaserLineOptions& options) {
+HWY_INLINE void refine_block(Scratch& s, const LaserLineOptions& options) {
   const DF d;
   const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   const bool quasi_ml = options.refinement == LineRefinement::quasi_maximum_likelihood;
