@@ -33,16 +33,10 @@ struct Window {
   float ambient_variance = 0;  ///< noise of a pixel without laser light
 };
 
-/// The scores of a row by lane of a vector: the largest, and sums of all.
-struct ScoreLanes {
-  alignas(64) std::uint8_t highest[64];
-  alignas(64) std::uint64_t sum[8];
-};
-
 /// A block of rows on its way from bytes to positions.
 struct Scratch {
   alignas(64) std::uint8_t cells[kRowsInWork][kRowCells];
-  ScoreLanes best[kRowsInWork];
+  alignas(64) std::uint8_t highest[kRowsInWork][64];  ///< largest score by lane of a vector
   alignas(64) std::uint8_t scores[kRowsInWork][kRowCells];
   alignas(64) std::int16_t cut[kBlockRows][kWindowPx];     ///< signal about the coarse peak
   alignas(64) std::int16_t usable[kBlockRows][kWindowPx];  ///< 0: saturated or outside the frame; else -1

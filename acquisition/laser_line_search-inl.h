@@ -191,40 +191,39 @@ HWY_INLINE void pad_cells(std::uint8_t* cells, int cell_count) {
 }
 
 /// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
-/// does not.
+/// does not. Returns the largest of each lane.
 /// @pre padded cells; scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
-HWY_INLINE void score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores, ScoreLanes& best) {
+HWY_INLINE V8 score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores) {
   const D8 d;
-  const hn::Repartition<std::uint64_t, D8> d64;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto mean_of_8_px = [&](int i) {
     return hn::AverageRound(hn::LoadU(d, cells + i), hn::LoadU(d, cells + i + 1));
   };
   const auto zero = hn::Zero(d);
   auto highest = zero;
-  auto sum = hn::Zero(d64);
   int i = 0;
   for (; i < cell_count; i += lanes) {
     const auto score = hn::SaturatedSub(mean_of_8_px(i), hn::Max(mean_of_8_px(i - 3), mean_of_8_px(i + 3)));
     hn::Store(score, d, scores + i);
     highest = hn::Max(highest, score);
-    sum = hn::Add(sum, hn::SumsOf8(score));
   }
   hn::Store(zero, d, scores - lanes);
   hn::Store(zero, d, scores + i);
-  hn::Store(highest, d, best.highest);
-  hn::Store(sum, d64, best.sum);
+  return highest;
 }
 
-/// Vertex of the parabola through a score and its neighbours.
+/// A score and its neighbours, and the vertex of the parabola through them.
 struct Vertex {
-  float height = 0, offset_cells = 0;
+  int before = 0, score = 0, after = 0;
+
+  float curvature() const { return static_cast<float>(HWY_MAX(2 * score - before - after, 1)); }
+  float lean() const { return static_cast<float>(after - before); }
+  float height() const { return static_cast<float>(score) + lean() * lean() / (8 * curvature()); }
+  float offset_cells() const { return lean() / (2 * curvature()); }
 };
 
-HWY_INLINE Vertex vertex_of(int before, int score, int after) {
-  const float curvature = static_cast<float>(HWY_MAX(2 * score - before - after, 1));
-  const float lean = static_cast<float>(after - before);
-  return {static_cast<float>(score) + lean * lean / (8 * curvature), lean / (2 * curvature)};
+HWY_INLINE Vertex vertex_at(const std::uint8_t* scores, int cell) {
+  return {scores[cell - 1], scores[cell], scores[cell + 1]};
 }
 
 struct CoarsePeak {
@@ -244,12 +243,6 @@ HWY_INLINE int first_cell_of(const std::uint8_t* scores, int cell_count, int sco
   return 0;
 }
 
-/// Scores of the 2 kBlankCells + 1 cells about a peak, and zeros.
-HWY_INLINE auto blanked_scores(const std::uint8_t* scores, int cell) {
-  const hn::CappedTag<std::uint8_t, 16> d;
-  return hn::IfThenElseZero(hn::FirstN(d, 2 * kBlankCells + 1), hn::LoadU(d, scores + cell - kBlankCells));
-}
-
 /// Sets the scores about a peak to zero.
 HWY_INLINE void blank(std::uint8_t* scores, int cell) {
   const hn::CappedTag<std::uint8_t, 16> d;
@@ -257,61 +250,54 @@ HWY_INLINE void blank(std::uint8_t* scores, int cell) {
   hn::StoreU(hn::IfThenZeroElse(hn::FirstN(d, 2 * kBlankCells + 1), hn::LoadU(d, at)), d, at);
 }
 
-HWY_INLINE int largest_score(const std::uint8_t* scores, int cell_count) {
+/// Largest score and sum of the scores.
+struct ScoreTotals {
+  int highest = 0, sum = 0;
+};
+
+HWY_INLINE ScoreTotals totals_of(const std::uint8_t* scores, int cell_count) {
   const D8 d;
+  const hn::Repartition<std::uint64_t, D8> d64;
   auto highest = hn::Zero(d);
+  auto sum = hn::Zero(d64);
   for (int i = 0; i < cell_count; i += static_cast<int>(hn::Lanes(d))) {
-    highest = hn::Max(highest, hn::Load(d, scores + i));
+    const auto score = hn::Load(d, scores + i);
+    highest = hn::Max(highest, score);
+    sum = hn::Add(sum, hn::SumsOf8(score));
   }
-  return largest(highest);
+  return {largest(highest), static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, sum)))};
 }
 
-HWY_INLINE int sum_of(const ScoreLanes& best) {
-  const hn::Repartition<std::uint64_t, D8> d;
-  return static_cast<int>(hn::GetLane(hn::SumOfLanes(d, hn::Load(d, best.sum))));
-}
-
-template <class V>
-HWY_INLINE int sum_of_bytes(V v) {
-  const hn::Repartition<std::uint64_t, hn::DFromV<V>> d;
-  return static_cast<int>(hn::GetLane(hn::SumOfLanes(d, hn::SumsOf8(v))));
-}
-
-/// The search of a scored row, in steps, so that steps of different rows are worked on at once and none waits for the
-/// other's reductions.
-struct RowSearch {
-  int highest = 0, cell = 0, sum_away = 0;  ///< largest score, its first cell, sum of the scores away from it
+/// The largest score of a row.
+struct TopScore {
+  int cell = 0;  ///< the first that has it
   Vertex vertex;
 };
 
-HWY_INLINE void find_peak(const std::uint8_t* scores, int cell_count, const ScoreLanes& best, RowSearch& row) {
-  row.highest = largest(hn::Load(D8(), best.highest));
-  row.cell = first_cell_of(scores, cell_count, row.highest);
+/// Takes the top out of the scores. @pre highest >= every score of its lane, one of them equal
+HWY_INLINE TopScore take_top(std::uint8_t* scores, int cell_count, V8 highest) {
+  const int cell = first_cell_of(scores, cell_count, largest(highest));
+  const TopScore top{cell, vertex_at(scores, cell)};
+  blank(scores, cell);
+  return top;
 }
 
-/// Takes the peak out of the scores.
-HWY_INLINE void take_peak(std::uint8_t* scores, const ScoreLanes& best, RowSearch& row) {
-  row.vertex = vertex_of(scores[row.cell - 1], row.highest, scores[row.cell + 1]);
-  row.sum_away = sum_of(best) - sum_of_bytes(blanked_scores(scores, row.cell));
-  blank(scores, row.cell);
-}
-
-/// What the peak that was taken out is, next to what is left: status found with a center, or why there is none.
-HWY_INLINE CoarsePeak judge_peak(const std::uint8_t* scores, int cell_count, const RowSearch& row,
-                                 const LaserLineOptions& options) {
-  const int second = largest_score(scores, cell_count);
-  if (row.highest < options.minimum_contrast) return {};
-  const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * row.vertex.height;
+/// What the top that was taken out is, next to what is left: status found with a center, or why there is none.
+HWY_INLINE CoarsePeak judge(const TopScore& top, const std::uint8_t* scores, int cell_count,
+                            const LaserLineOptions& options) {
+  const ScoreTotals left = totals_of(scores, cell_count);
+  if (top.vertex.score < options.minimum_contrast) return {};
+  const float share = static_cast<float>(options.ambiguous_percent) * 0.01f;
   // A vertex is at most an eighth of its score higher than the score.
-  if (static_cast<float>(second) * 1.125f > limit) {
-    const int at = first_cell_of(scores, cell_count, second);
-    if (vertex_of(scores[at - 1], second, scores[at + 1]).height > limit) return {RowStatus::ambiguous, 0};
+  if (static_cast<float>(left.highest) * 1.125f > share * static_cast<float>(top.vertex.score)) {
+    const Vertex second = vertex_at(scores, first_cell_of(scores, cell_count, left.highest));
+    if (second.height() > share * top.vertex.height()) return {RowStatus::ambiguous, 0};
   }
-  const int blanked = HWY_MIN(row.cell + kBlankCells, cell_count - 1) - HWY_MAX(row.cell - kBlankCells, 0) + 1;
-  if (row.highest * (cell_count - blanked) < kNoiseFactor * row.sum_away) return {};
+  const int blanked = HWY_MIN(top.cell + kBlankCells, cell_count - 1) - HWY_MAX(top.cell - kBlankCells, 0) + 1;
+  if (top.vertex.score * (cell_count - blanked) < kNoiseFactor * left.sum) return {};
   // The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
-  const int offset_px = 2 * (static_cast<int>(2 * row.vertex.offset_cells + 16.25f) - 16);
-  return {RowStatus::found, 4 * row.cell + 4 + offset_px};
+  const int offset_px = 2 * (static_cast<int>(2 * top.vertex.offset_cells() + 16.25f) - 16);
+  return {RowStatus::found, 4 * top.cell + 4 + offset_px};
 }
 
 }  // namespace HWY_NAMESPACE

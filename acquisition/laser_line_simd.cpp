@@ -10,6 +10,7 @@
 #include "acquisition/laser_line_search-inl.h"
 #include "acquisition/line_window-inl.h"
 #include "acquisition/quasi_ml-inl.h"
+#include "hwy/cache_control.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace celadon::line_kernels {
@@ -27,13 +28,16 @@ HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
   row.status = window.saturated ? RowStatus::saturated : RowStatus::found;
 }
 
-inline constexpr int kRowsAsked = 5;  ///< rows between the one in work and the one that memory is asked for
+inline constexpr int kRowsAsked = 5;    ///< rows between the one in work and the one that memory is asked for
+inline constexpr int kRowsOfPages = 4;  ///< rows between that one and the one whose pages are looked up
 
 /// Asks for a row some time before it is worked on. Into the second level of the cache: the first waits for few lines
-/// at once, and is full of rows in work.
-HWY_INLINE void ask_for(const std::uint8_t* row, std::size_t bytes) {
-  constexpr std::size_t kLineBytes = 64;
+/// at once, and is full of rows in work. Processors drop such a request where the page's address is not known, so that
+/// of a later row is asked for first.
+HWY_INLINE void ask_for(const std::uint8_t* row, std::size_t bytes, std::size_t bytes_to_pages) {
+  constexpr std::size_t kLineBytes = 64, kPageBytes = 4096;
   constexpr int kSecondLevel = 2;
+  for (std::size_t i = 0; i < bytes; i += kPageBytes) hwy::Prefetch(row + bytes_to_pages + i);
   for (std::size_t i = 0; i < bytes; i += kLineBytes) __builtin_prefetch(row + i, 0, kSecondLevel);
 }
 
@@ -46,7 +50,7 @@ void extract_block(const Job& job, int first_row, int row_count) {
     return frame + static_cast<std::size_t>(first_row + i) * job.stride_bytes;
   };
   const std::size_t row_bytes = static_cast<std::size_t>(job.width_px) * (kSignal == Signal::grey ? 1 : 2);
-  RowSearch search[kRowsInWork];
+  TopScore top[kRowsInWork];
   bool any_whole = false, any_partial = false;
   for (int i = row_count; i < kBlockRows; ++i) s.window[i].kind = WindowKind::none;
   // A row's four steps in four turns: its stores are in the cache when it is read again.
@@ -56,9 +60,11 @@ void extract_block(const Job& job, int first_row, int row_count) {
       if (i >= 0 && i < row_count) work(i, i % kRowsInWork);
     };
     in_turn(0, [&](int i, int slot) {
-      if (first_row + i + kRowsAsked < job.height_px) {
-        ask_for(row_of(job.on, i + kRowsAsked), row_bytes);
-        if constexpr (kSubtract) ask_for(row_of(job.off, i + kRowsAsked), row_bytes);
+      if (const int asked = i + kRowsAsked; first_row + asked < job.height_px) {
+        const int paged = std::min(asked + kRowsOfPages, job.height_px - 1 - first_row);
+        const std::size_t bytes_to_pages = static_cast<std::size_t>(paged - asked) * job.stride_bytes;
+        ask_for(row_of(job.on, asked), row_bytes, bytes_to_pages);
+        if constexpr (kSubtract) ask_for(row_of(job.off, asked), row_bytes, bytes_to_pages);
       }
       const std::uint8_t* on = row_of(job.on, i);
       const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
@@ -71,15 +77,14 @@ void extract_block(const Job& job, int first_row, int row_count) {
       pad_cells(cells, cell_count);
     });
     in_turn(1, [&](int, int slot) {
-      score_cells(s.cells[slot] + kPaddingCells, cell_count, s.scores[slot] + kPaddingCells, s.best[slot]);
+      const auto highest = score_cells(s.cells[slot] + kPaddingCells, cell_count, s.scores[slot] + kPaddingCells);
+      hn::Store(highest, D8(), s.highest[slot]);
     });
     in_turn(2, [&](int, int slot) {
-      std::uint8_t* scores = s.scores[slot] + kPaddingCells;
-      find_peak(scores, cell_count, s.best[slot], search[slot]);
-      take_peak(scores, s.best[slot], search[slot]);
+      top[slot] = take_top(s.scores[slot] + kPaddingCells, cell_count, hn::Load(D8(), s.highest[slot]));
     });
     in_turn(3, [&](int i, int slot) {
-      const CoarsePeak peak = judge_peak(s.scores[slot] + kPaddingCells, cell_count, search[slot], job.options);
+      const CoarsePeak peak = judge(top[slot], s.scores[slot] + kPaddingCells, cell_count, job.options);
       LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
       row = {};
       row.status = peak.status;
