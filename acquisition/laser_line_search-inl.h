@@ -25,14 +25,6 @@ using DNarrow = hn::CappedTag<std::uint8_t, 16>;
 /// in fewer than one row in 500.
 inline constexpr int kNoiseFactor = 22;
 
-/// Calls f(i) for i = 0, N, 2N ... and once more for the last N of `count`: no read or write beyond. @pre count >= N
-template <class F>
-HWY_INLINE void for_each_vector(int count, int lanes, F&& f) {
-  int i = 0;
-  for (; i + lanes <= count; i += lanes) f(i);
-  if (i < count) f(count - lanes);
-}
-
 /// Bytes of four vectors, of which lane i of 32 bits holds cell i of the first in its lowest byte, cell i of the second
 /// in the next and so on, in the order of the cells.
 template <class D, class V>
@@ -49,30 +41,65 @@ HWY_INLINE V in_order(D d, V v) {
   return hn::BitCast(d, hn::TableLookupLanes(blocks, hn::SetTableIndices(d32, order)));
 }
 
-/// Means of 4 neighbouring bytes: mean(mean, mean), each rounded up. bytes(i, k) is vector i of four, k bytes further.
-template <class D, class F>
-HWY_INLINE auto means_of_4(D d, F&& bytes) {
+/// Grey value or luma, on less off, of the i-th vector of pixels, `further` (-1, 0 or 1) pixels further; of the pixel
+/// before the first or after the last whatever.
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE auto pixels(D d, const std::uint8_t* on, const std::uint8_t* off, int i, int further) {
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  if constexpr (kSignal == Signal::grey && !kSubtract) {
+    return hn::LoadU(d, on + i * lanes + further);  // costs less than a shift
+  } else {
+    const hn::RepartitionToWide<D> d16;
+    auto v = hn::LoadU(d, on + i * lanes);
+    if constexpr (kSignal == Signal::yuyv_luma) {
+      v = hn::ConcatEven(d, hn::LoadU(d, on + (2 * i + 1) * lanes), hn::LoadU(d, on + 2 * i * lanes));
+      if constexpr (kSubtract) {
+        v = hn::SaturatedSub(
+            v, hn::ConcatEven(d, hn::LoadU(d, off + (2 * i + 1) * lanes), hn::LoadU(d, off + 2 * i * lanes)));
+      }
+    } else {
+      v = hn::SaturatedSub(v, hn::LoadU(d, off + i * lanes));
+    }
+    if (further == 0) return v;
+    const auto pairs = hn::BitCast(d16, v);
+    return hn::BitCast(d, further > 0 ? hn::ShiftRight<8>(pairs) : hn::ShiftLeft<8>(pairs));
+  }
+}
+
+/// Means of the pixels' pairs: those of vector `even` in the even bytes, of vector `odd` in the odd.
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE auto means_of_2(D d, const std::uint8_t* on, const std::uint8_t* off, int even, int odd) {
+  const auto at = [&](int i, int further) HWY_ATTR { return pixels<kSignal, kSubtract>(d, on, off, i, further); };
+  return hn::OddEven(hn::AverageRound(at(odd, 0), at(odd, -1)), hn::AverageRound(at(even, 0), at(even, 1)));
+}
+
+/// Means of 4 neighbouring pixels of four vectors: mean(mean, mean), each rounded up.
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE auto means_of_4(D d, const std::uint8_t* on, const std::uint8_t* off) {
   const hn::RepartitionToWide<D> d16;
   const hn::RepartitionToWide<decltype(d16)> d32;
-  const auto pairs = [&](int even, int odd) HWY_ATTR {  // means of even's pairs in the even bytes, of odd's in the odd
-    return hn::OddEven(hn::AverageRound(bytes(odd, 0), bytes(odd, -1)),
-                       hn::AverageRound(bytes(even, 0), bytes(even, 1)));
-  };
-  const auto low = pairs(0, 1), high = pairs(2, 3);
+  const auto low = means_of_2<kSignal, kSubtract>(d, on, off, 0, 1);
+  const auto high = means_of_2<kSignal, kSubtract>(d, on, off, 2, 3);
   const auto low_means = hn::AverageRound(low, hn::BitCast(d, hn::ShiftRight<16>(hn::BitCast(d32, low))));
   const auto high_means = hn::AverageRound(high, hn::BitCast(d, hn::ShiftLeft<16>(hn::BitCast(d32, high))));
   const auto quads = hn::OddEven(hn::BitCast(d16, high_means), hn::BitCast(d16, low_means));
   return in_order(d, hn::BitCast(d, quads));
 }
 
-/// Red or green of cells from their luma and chroma, 16 bits, not limited to 0..255.
+/// 256 (chroma - 128) from 16-bit lanes with the chroma in their upper byte.
+template <class DI, class V16>
+HWY_INLINE auto chroma_of(DI di, V16 v) {
+  const hn::RebindToUnsigned<DI> d16;
+  return hn::BitCast(di, hn::Xor(hn::And(v, hn::Set(d16, 0xFF00)), hn::Set(d16, 0x8000)));
+}
+
+/// Red or green from luma and 256 times the chroma, 16 bits, not limited to 0..255.
 template <Signal kSignal, class DI, class VI>
-HWY_INLINE VI colour(DI di, VI y, VI u, VI v) {
-  v = hn::Sub(v, hn::Set(di, 128));
+HWY_INLINE VI colour(DI di, VI y, VI u256, VI v256) {
   if constexpr (kSignal == Signal::yuyv_red) {
-    return hn::Add(y, hn::Add(v, hn::ShiftRight<9>(hn::Mul(v, hn::Set(di, 206)))));
+    return hn::Add(y, hn::MulHigh(v256, hn::Set(di, 256 + 103)));
   } else {
-    u = hn::Sub(u, hn::Set(di, 128));
+    const auto u = hn::ShiftRight<8>(u256), v = hn::ShiftRight<8>(v256);
     return hn::Sub(y, hn::ShiftRight<7>(hn::Add(hn::Mul(u, hn::Set(di, 44)), hn::Mul(v, hn::Set(di, 91)))));
   }
 }
@@ -94,15 +121,12 @@ HWY_INLINE auto colours(D d, const std::uint8_t* lower, const std::uint8_t* uppe
   const hn::RepartitionToWide<D> d16;
   const hn::RebindToSigned<decltype(d16)> di;
   const auto as16 = [&](auto v) HWY_ATTR { return hn::BitCast(d16, v); };
-  const auto bytes = [&](auto v) HWY_ATTR { return hn::BitCast(d, v); };
   const auto a = yuv_means(d, lower), b = yuv_means(d, upper);
-  const auto byte = hn::Set(d16, 0xFF);
-  const auto y = hn::And(hn::OddEven(as16(hn::AverageRound(bytes(b), bytes(hn::ShiftLeft<16>(b)))),
-                                     as16(hn::AverageRound(bytes(a), bytes(hn::ShiftRight<16>(a))))),
-                         byte);
-  const auto u = hn::And(hn::OddEven(as16(hn::ShiftLeft<8>(b)), as16(hn::ShiftRight<8>(a))), byte);
-  const auto v = hn::OddEven(hn::ShiftRight<8>(as16(b)), as16(hn::ShiftRight<24>(a)));
-  return colour<kSignal>(di, hn::BitCast(di, y), hn::BitCast(di, u), hn::BitCast(di, v));
+  // Y02 U and Y13 V, of the lower cell and of the upper.
+  const auto y_u = hn::OddEven(as16(hn::ShiftLeft<16>(b)), as16(a));
+  const auto y_v = hn::OddEven(as16(b), as16(hn::ShiftRight<16>(a)));
+  const auto y = hn::And(as16(hn::AverageRound(hn::BitCast(d, y_u), hn::BitCast(d, y_v))), hn::Set(d16, 0xFF));
+  return colour<kSignal>(di, hn::BitCast(di, y), chroma_of(di, y_u), chroma_of(di, y_v));
 }
 
 /// Bytes of four pairs of vectors as yuv_means() leaves them, one of each pair in each 32 bits, in the order of the
@@ -122,54 +146,43 @@ HWY_INLINE V pairs_in_order(D d, V v) {
   return hn::TableLookupBytes(hn::BitCast(d, together), hn::LoadDup128(d, kVectors[kBlocks / 4]));
 }
 
-/// As many cells as D has lanes, from eight vectors of YUYV.
+/// Red or green of cells, on less off, limited to 0..255: of pair `lower` and pair `upper` of vectors.
 template <Signal kSignal, bool kSubtract, class D>
-HWY_INLINE void store_colour_cells(D d, const std::uint8_t* on, const std::uint8_t* off, std::uint8_t* out) {
+HWY_INLINE auto colour_signals(D d, const std::uint8_t* on, const std::uint8_t* off, int lower, int upper) {
   const hn::RepartitionToWide<D> d16;
   const hn::RebindToSigned<decltype(d16)> di;
-  const std::size_t pair = 2 * hn::Lanes(d);
-  const auto signal = [&](std::size_t lower, std::size_t upper) HWY_ATTR {
-    auto value = colours<kSignal>(d, on + lower * pair, on + upper * pair);
-    if constexpr (kSubtract) value = hn::Sub(value, colours<kSignal>(d, off + lower * pair, off + upper * pair));
-    return hn::BitCast(d16, hn::Min(hn::Max(value, hn::Zero(di)), hn::Set(di, 255)));
-  };
-  const auto cells = hn::Or(signal(0, 2), hn::ShiftLeft<8>(signal(1, 3)));
-  hn::StoreU(pairs_in_order(d, hn::BitCast(d, cells)), d, out);
+  const int pair = 2 * static_cast<int>(hn::Lanes(d));
+  auto value = colours<kSignal>(d, on + lower * pair, on + upper * pair);
+  if constexpr (kSubtract) value = hn::Sub(value, colours<kSignal>(d, off + lower * pair, off + upper * pair));
+  return hn::BitCast(d16, hn::Min(hn::Max(value, hn::Zero(di)), hn::Set(di, 255)));
 }
 
-/// One cell (mean signal) for each 4 pixels.
+/// As many cells as D has lanes. (Not a lambda: those that are called twice may become functions, called for each
+/// vector.)
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE void store_cells(D d, const std::uint8_t* on, const std::uint8_t* off, std::uint8_t* cells) {
+  if constexpr (kSignal == Signal::grey || kSignal == Signal::yuyv_luma) {
+    hn::StoreU(means_of_4<kSignal, kSubtract>(d, on, off), d, cells);
+  } else {
+    const auto even = colour_signals<kSignal, kSubtract>(d, on, off, 0, 2);
+    const auto odd = colour_signals<kSignal, kSubtract>(d, on, off, 1, 3);
+    hn::StoreU(pairs_in_order(d, hn::BitCast(d, hn::Or(even, hn::ShiftLeft<8>(odd)))), d, cells);
+  }
+}
+
+/// One cell (mean signal) for each 4 pixels. @pre cell_count >= lanes of D
 template <Signal kSignal, bool kSubtract, class D>
 HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, int cell_count, std::uint8_t* cells) {
   constexpr int kBytesPerCell = kSignal == Signal::grey ? 4 : 8;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  for_each_vector(cell_count, lanes, [&](int cell) {
-    const std::uint8_t* lit = on + cell * kBytesPerCell;
-    const std::uint8_t* dark = kSubtract ? off + cell * kBytesPerCell : nullptr;
-    if constexpr (kSignal == Signal::grey || kSignal == Signal::yuyv_luma) {
-      const hn::RepartitionToWide<D> d16;
-      const auto bytes = [&](int i) {
-        const auto v = hn::LoadU(d, lit + i * lanes);
-        if constexpr (kSubtract) return hn::SaturatedSub(v, hn::LoadU(d, dark + i * lanes));
-        return v;
-      };
-      const auto pixels = [&](int i, int further) HWY_ATTR {
-        if constexpr (kSignal == Signal::grey && !kSubtract) {
-          return hn::LoadU(d, lit + i * lanes + further);  // costs less than a shift
-        } else {
-          const auto v = [&]() HWY_ATTR {
-            if constexpr (kSignal == Signal::grey) return bytes(i);
-            return hn::ConcatEven(d, bytes(2 * i + 1), bytes(2 * i));
-          }();
-          if (further == 0) return v;
-          const auto pairs = hn::BitCast(d16, v);
-          return hn::BitCast(d, further > 0 ? hn::ShiftRight<8>(pairs) : hn::ShiftLeft<8>(pairs));
-        }
-      };
-      hn::StoreU(means_of_4(d, pixels), d, cells + cell);
-    } else {
-      store_colour_cells<kSignal, kSubtract>(d, lit, dark, cells + cell);
-    }
-  });
+  const auto dark = [&](int cell) { return kSubtract ? off + cell * kBytesPerCell : nullptr; };
+  int cell = 0;
+  for (; cell + lanes <= cell_count; cell += lanes) {
+    store_cells<kSignal, kSubtract>(d, on + cell * kBytesPerCell, dark(cell), cells + cell);
+  }
+  if (cell == cell_count) return;
+  cell = cell_count - lanes;  // no read or write beyond
+  store_cells<kSignal, kSubtract>(d, on + cell * kBytesPerCell, dark(cell), cells + cell);
 }
 
 HWY_INLINE int largest(V8 v) {

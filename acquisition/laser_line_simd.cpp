@@ -28,18 +28,30 @@ HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
   row.status = window.saturated ? RowStatus::saturated : RowStatus::found;
 }
 
-inline constexpr int kRowsAsked = 5;    ///< rows between the one in work and the one that memory is asked for
-inline constexpr int kRowsOfPages = 4;  ///< rows between that one and the one whose pages are looked up
+/// Asks for a row some time before it is worked on, a part at a time: a core waits for few lines of memory at once.
+class RowRequest {
+ public:
+  static constexpr int kParts = kRowsInWork;
+  /// Rows between the one in work and the one that is asked for, and the one of which pages are looked up: processors
+  /// drop a request in a page whose address they do not know.
+  static constexpr int kRowsAsked = 5, kRowsOfPages = 9;
 
-/// Asks for a row some time before it is worked on. Into the second level of the cache: the first waits for few lines
-/// at once, and is full of rows in work. Processors drop such a request where the page's address is not known, so that
-/// of a later row is asked for first.
-HWY_INLINE void ask_for(const std::uint8_t* row, std::size_t bytes, std::size_t bytes_to_pages) {
-  constexpr std::size_t kLineBytes = 64, kPageBytes = 4096;
-  constexpr int kSecondLevel = 2;
-  for (std::size_t i = 0; i < bytes; i += kPageBytes) hwy::Prefetch(row + bytes_to_pages + i);
-  for (std::size_t i = 0; i < bytes; i += kLineBytes) __builtin_prefetch(row + i, 0, kSecondLevel);
-}
+  RowRequest(const std::uint8_t* row, std::size_t row_bytes, std::size_t bytes_to_pages)
+      : row_(row), lines_((row_bytes / kLineBytes + kParts - 1) / kParts) {
+    for (std::size_t i = 0; i < row_bytes; i += kPageBytes) hwy::Prefetch(row + bytes_to_pages + i);
+  }
+
+  void ask_for_part(std::size_t part) const {
+    constexpr int kSecondLevel = 2;  // of the cache: the first is full of rows in work
+    const std::uint8_t* line = row_ + part * lines_ * kLineBytes;
+    for (std::size_t i = 0; i < lines_; ++i) __builtin_prefetch(line + i * kLineBytes, 0, kSecondLevel);
+  }
+
+ private:
+  static constexpr std::size_t kLineBytes = 64, kPageBytes = 4096;
+  const std::uint8_t* row_;
+  std::size_t lines_;
+};
 
 template <Signal kSignal, bool kSubtract>
 void extract_block(const Job& job, int first_row, int row_count) {
@@ -50,22 +62,25 @@ void extract_block(const Job& job, int first_row, int row_count) {
     return frame + static_cast<std::size_t>(first_row + i) * job.stride_bytes;
   };
   const std::size_t row_bytes = static_cast<std::size_t>(job.width_px) * (kSignal == Signal::grey ? 1 : 2);
+  const auto request = [&](const std::uint8_t* frame, int turn) {
+    const int last = job.height_px - 1 - first_row;
+    const int asked = std::min(turn + RowRequest::kRowsAsked, last),
+              paged = std::min(turn + RowRequest::kRowsOfPages, last);
+    return RowRequest(row_of(frame, asked), row_bytes, static_cast<std::size_t>(paged - asked) * job.stride_bytes);
+  };
   TopScore top[kRowsInWork];
   bool any_whole = false, any_partial = false;
   for (int i = row_count; i < kBlockRows; ++i) s.window[i].kind = WindowKind::none;
   // A row's four steps in four turns: its stores are in the cache when it is read again.
   for (int turn = 0; turn < row_count + kRowsInWork - 1; ++turn) {
+    const RowRequest on_ahead = request(job.on, turn), off_ahead = request(kSubtract ? job.off : job.on, turn);
     const auto in_turn = [&](int step, auto&& work) {
+      on_ahead.ask_for_part(static_cast<std::size_t>(step));
+      if constexpr (kSubtract) off_ahead.ask_for_part(static_cast<std::size_t>(step));
       const int i = turn - step;
       if (i >= 0 && i < row_count) work(i, i % kRowsInWork);
     };
     in_turn(0, [&](int i, int slot) {
-      if (const int asked = i + kRowsAsked; first_row + asked < job.height_px) {
-        const int paged = std::min(asked + kRowsOfPages, job.height_px - 1 - first_row);
-        const std::size_t bytes_to_pages = static_cast<std::size_t>(paged - asked) * job.stride_bytes;
-        ask_for(row_of(job.on, asked), row_bytes, bytes_to_pages);
-        if constexpr (kSubtract) ask_for(row_of(job.off, asked), row_bytes, bytes_to_pages);
-      }
       const std::uint8_t* on = row_of(job.on, i);
       const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
       std::uint8_t* cells = s.cells[slot] + kPaddingCells;

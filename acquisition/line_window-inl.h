@@ -39,7 +39,7 @@ HWY_INLINE hn::VFromD<D> signals_at(D d, const std::uint8_t* row, int px) {
     const auto bytes = hn::BitCast(d16, hn::LoadU(d8, row + 2 * px));
     const auto y = hn::BitCast(d, hn::And(bytes, hn::Set(d16, 0xFF)));
     if constexpr (kSignal == Signal::yuyv_luma) return y;
-    const auto chroma = hn::BitCast(d32, hn::ShiftRight<8>(bytes));  // U in the lower half, V in the upper
+    const auto chroma = hn::BitCast(d32, chroma_of(d, bytes));  // U in the lower half, V in the upper
     const auto lower = hn::And(chroma, hn::Set(d32, 0xFFFF)), upper = hn::ShiftRight<16>(chroma);
     const auto u = hn::BitCast(d, hn::Or(lower, hn::ShiftLeft<16>(lower)));
     const auto v = hn::BitCast(d, hn::Or(upper, hn::ShiftLeft<16>(upper)));
