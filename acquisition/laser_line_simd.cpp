@@ -28,29 +28,40 @@ HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
   row.status = window.saturated ? RowStatus::saturated : RowStatus::found;
 }
 
-/// Asks for a row some time before it is worked on, a part at a time: a core waits for few lines of memory at once.
-class RowRequest {
+/// Asks for rows some time before they are worked on, a part at a time: a core waits for few lines of memory at once.
+/// Inlined always: g++ takes a function that only asks for memory for one without effects, and leaves out its calls.
+class RowRequests {
  public:
-  static constexpr int kParts = kRowsInWork;
-  /// Rows between the one in work and the one that is asked for, and the one of which pages are looked up: processors
-  /// drop a request in a page whose address they do not know.
-  static constexpr int kRowsAsked = 5, kRowsOfPages = 9;
+  RowRequests(const std::uint8_t* frame, std::size_t stride_bytes, std::size_t row_bytes, int row_count)
+      : frame_(frame),
+        stride_(stride_bytes),
+        row_bytes_(row_bytes),
+        part_bytes_((row_bytes / kLineBytes + kParts - 1) / kParts * kLineBytes),
+        last_row_(row_count - 1) {}
 
-  RowRequest(const std::uint8_t* row, std::size_t row_bytes, std::size_t bytes_to_pages)
-      : row_(row), lines_((row_bytes / kLineBytes + kParts - 1) / kParts) {
-    for (std::size_t i = 0; i < row_bytes; i += kPageBytes) hwy::Prefetch(row + bytes_to_pages + i);
+  /// Processors drop a request in a page whose address they do not know: has those of a later row looked up.
+  HWY_INLINE void look_up_pages(int row) const {
+    const std::uint8_t* bytes = ahead_of(row, kRowsOfPages);
+    for (std::size_t i = 0; i < row_bytes_; i += kPageBytes) hwy::Prefetch(bytes + i);
   }
 
-  void ask_for_part(std::size_t part) const {
+  HWY_INLINE void ask_for_part(int row, std::size_t part) const {
     constexpr int kSecondLevel = 2;  // of the cache: the first is full of rows in work
-    const std::uint8_t* line = row_ + part * lines_ * kLineBytes;
-    for (std::size_t i = 0; i < lines_; ++i) __builtin_prefetch(line + i * kLineBytes, 0, kSecondLevel);
+    const std::uint8_t* bytes = ahead_of(row, kRowsAsked) + part * part_bytes_;
+    for (std::size_t i = 0; i < part_bytes_; i += kLineBytes) __builtin_prefetch(bytes + i, 0, kSecondLevel);
   }
 
  private:
-  static constexpr std::size_t kLineBytes = 64, kPageBytes = 4096;
-  const std::uint8_t* row_;
-  std::size_t lines_;
+  static constexpr std::size_t kParts = kRowsInWork, kLineBytes = 64, kPageBytes = 4096;
+  static constexpr int kRowsAsked = 5, kRowsOfPages = 9;
+
+  HWY_INLINE const std::uint8_t* ahead_of(int row, int rows) const {
+    return frame_ + static_cast<std::size_t>(std::min(row + rows, last_row_)) * stride_;
+  }
+
+  const std::uint8_t* frame_;
+  std::size_t stride_, row_bytes_, part_bytes_;
+  int last_row_;
 };
 
 template <Signal kSignal, bool kSubtract>
@@ -62,21 +73,19 @@ void extract_block(const Job& job, int first_row, int row_count) {
     return frame + static_cast<std::size_t>(first_row + i) * job.stride_bytes;
   };
   const std::size_t row_bytes = static_cast<std::size_t>(job.width_px) * (kSignal == Signal::grey ? 1 : 2);
-  const auto request = [&](const std::uint8_t* frame, int turn) {
-    const int last = job.height_px - 1 - first_row;
-    const int asked = std::min(turn + RowRequest::kRowsAsked, last),
-              paged = std::min(turn + RowRequest::kRowsOfPages, last);
-    return RowRequest(row_of(frame, asked), row_bytes, static_cast<std::size_t>(paged - asked) * job.stride_bytes);
-  };
+  const RowRequests on_requests(job.on, job.stride_bytes, row_bytes, job.height_px);
+  const RowRequests off_requests(job.off, job.stride_bytes, row_bytes, job.height_px);
   TopScore top[kRowsInWork];
   bool any_whole = false, any_partial = false;
   for (int i = row_count; i < kBlockRows; ++i) s.window[i].kind = WindowKind::none;
   // A row's four steps in four turns: its stores are in the cache when it is read again.
   for (int turn = 0; turn < row_count + kRowsInWork - 1; ++turn) {
-    const RowRequest on_ahead = request(job.on, turn), off_ahead = request(kSubtract ? job.off : job.on, turn);
+    const int current_row = first_row + turn;
+    on_requests.look_up_pages(current_row);
+    if constexpr (kSubtract) off_requests.look_up_pages(current_row);
     const auto in_turn = [&](int step, auto&& work) {
-      on_ahead.ask_for_part(static_cast<std::size_t>(step));
-      if constexpr (kSubtract) off_ahead.ask_for_part(static_cast<std::size_t>(step));
+      on_requests.ask_for_part(current_row, static_cast<std::size_t>(step));
+      if constexpr (kSubtract) off_requests.ask_for_part(current_row, static_cast<std::size_t>(step));
       const int i = turn - step;
       if (i >= 0 && i < row_count) work(i, i % kRowsInWork);
     };
