@@ -6,7 +6,6 @@
 #include <span>
 
 #include "acquisition/laser_line.h"
-#include "hwy/cache_control.h"
 
 namespace celadon::line_kernels {
 
@@ -20,6 +19,8 @@ inline constexpr int kRowCells = kMaximumWidthPx / 4 + 2 * kPaddingCells;
 inline constexpr int kWindowPx = 64;   ///< pixels cut out about the coarse peak
 inline constexpr int kBlockRows = 16;  ///< rows of the image worked on together, one per SIMD lane
 
+inline constexpr int kRowsInWork = 4;  ///< rows that the coarse search works on at once, each at another step
+
 /// What a row's window holds: no line; a line of which every pixel can be used; one with saturated pixels or at the
 /// border.
 enum class WindowKind : std::uint8_t { none, whole, partial };
@@ -32,49 +33,11 @@ struct Window {
   float ambient_variance = 0;  ///< noise of a pixel without laser light
 };
 
-/// The scores of a row by lane of a vector: the two largest, the vector (from 1) in which the largest was first met (0:
-/// every score is 0), and sums of all.
-struct ScoreLanes {
-  alignas(64) std::uint8_t highest[64], second[64], where[64];
-  alignas(64) std::uint64_t sum[8];
-};
-
-/// Asks for the bytes of the next block while this one is worked on, a few lines of the cache at a time and all through
-/// its work: a core waits for some twenty lines at once, and while none is asked for memory stands idle.
-class Prefetcher {
- public:
-  static constexpr std::size_t kParts = 1024;  ///< of a block's bytes, and of the time that work on it takes
-
-  Prefetcher() = default;
-  Prefetcher(const std::uint8_t* on, const std::uint8_t* off, std::size_t bytes)
-      : on_{on, on}, off_{off, off}, part_(bytes / kParts + 1), left_(bytes) {}
-
-  void advance(std::size_t parts) {
-    const std::size_t bytes = left_ < parts * part_ ? left_ : parts * part_;
-    left_ -= bytes;
-    on_.advance(bytes);
-    if (off_.due != nullptr) off_.advance(bytes);
-  }
-
- private:
-  struct Stream {
-    const std::uint8_t *next = nullptr, *due = nullptr;
-    void advance(std::size_t bytes) {
-      const std::uint8_t *at = next, *end = due + bytes;
-      for (; at < end; at += 64) hwy::Prefetch(at);
-      next = at;
-      due = end;
-    }
-  };
-  Stream on_, off_;
-  std::size_t part_ = 0, left_ = 0;
-};
-
 /// A block of rows on its way from bytes to positions.
 struct Scratch {
-  alignas(64) std::uint8_t cells[kBlockRows][kRowCells];
-  alignas(64) std::uint8_t scores[kBlockRows][kRowCells];
-  ScoreLanes best[kBlockRows];
+  alignas(64) std::uint8_t cells[kRowsInWork][kRowCells];
+  alignas(64) std::uint8_t highest[kRowsInWork][64];  ///< largest score by lane of a vector
+  alignas(64) std::uint8_t scores[kRowsInWork][kRowCells];
   alignas(64) std::int16_t cut[kBlockRows][kWindowPx];     ///< signal about the coarse peak
   alignas(64) std::int16_t usable[kBlockRows][kWindowPx];  ///< 0: saturated or outside the frame; else -1
   Window window[kBlockRows];
@@ -82,14 +45,16 @@ struct Scratch {
   /// each kind fills as few vectors as it can.
   int row[kBlockRows];
   WindowKind kind[kBlockRows];
-  Prefetcher ahead;
   alignas(64) std::int16_t signal[kWindowPx][kBlockRows];         ///< cut, [pixel][lane]
   alignas(64) std::int16_t usable_signal[kWindowPx][kBlockRows];  ///< usable, [pixel][lane]; only of partial windows
   alignas(64) float ambient_variance[kBlockRows];                 ///< noise of a pixel without laser light
+  alignas(64) float light[kWindowPx][kBlockRows];                 ///< signal over background, [pixel][lane]
+  int light_reach[kBlockRows];  ///< by vector of lanes: how far from the middle `light` is known
   // The model of each row; positions count from the middle of the window.
   alignas(64) float level[kBlockRows], slope[kBlockRows], slope_information[kBlockRows];
   alignas(64) float x_start[kBlockRows], width_start[kBlockRows];
   alignas(64) float x[kBlockRows], amplitude[kBlockRows], width[kBlockRows], variance_x[kBlockRows];
+  alignas(64) float sigma_x[kBlockRows];
   alignas(64) float speckle_excess[kBlockRows], speckle_weight[kBlockRows];
   alignas(64) float good[kBlockRows];  ///< 1 if the row has a line
 };

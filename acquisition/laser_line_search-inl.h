@@ -7,8 +7,6 @@
 #define CELADON_LASER_LINE_SEARCH_INL_H_
 #endif
 
-#include <cstring>
-
 #include "acquisition/laser_line_kernels.h"
 #include "hwy/highway.h"
 
@@ -17,8 +15,8 @@ namespace celadon::line_kernels {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// At most 64 lanes: padding and scratch memory are made for these.
-using D8 = hn::CappedTag<std::uint8_t, 64>;
+/// At most 32 lanes: of loads from unaligned places, longer ones would all take two lines of the cache.
+using D8 = hn::CappedTag<std::uint8_t, 32>;
 using V8 = hn::VFromD<D8>;
 /// For frames too narrow for D8: 16 cells, the narrowest row allowed.
 using DNarrow = hn::CappedTag<std::uint8_t, 16>;
@@ -26,14 +24,6 @@ using DNarrow = hn::CappedTag<std::uint8_t, 16>;
 /// The largest score of a line is over this many times the mean of the scores away from it; that of white noise is so
 /// in fewer than one row in 500.
 inline constexpr int kNoiseFactor = 22;
-
-/// Calls f(i) for i = 0, N, 2N ... and once more for the last N of `count`: no read or write beyond. @pre count >= N
-template <class F>
-HWY_INLINE void for_each_vector(int count, int lanes, F&& f) {
-  int i = 0;
-  for (; i + lanes <= count; i += lanes) f(i);
-  if (i < count) f(count - lanes);
-}
 
 /// Bytes of four vectors, of which lane i of 32 bits holds cell i of the first in its lowest byte, cell i of the second
 /// in the next and so on, in the order of the cells.
@@ -51,32 +41,65 @@ HWY_INLINE V in_order(D d, V v) {
   return hn::BitCast(d, hn::TableLookupLanes(blocks, hn::SetTableIndices(d32, order)));
 }
 
-/// Means of 4 neighbouring bytes: mean(mean, mean), each rounded up.
-template <class D, class F>
-HWY_INLINE auto means_of_4(D d, F&& bytes) {
+/// Grey value or luma, on less off, of the i-th vector of pixels, `further` (-1, 0 or 1) pixels further; of the pixel
+/// before the first or after the last whatever.
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE auto pixels(D d, const std::uint8_t* on, const std::uint8_t* off, int i, int further) {
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  if constexpr (kSignal == Signal::grey && !kSubtract) {
+    return hn::LoadU(d, on + i * lanes + further);  // costs less than a shift
+  } else {
+    const hn::RepartitionToWide<D> d16;
+    auto v = hn::LoadU(d, on + i * lanes);
+    if constexpr (kSignal == Signal::yuyv_luma) {
+      v = hn::ConcatEven(d, hn::LoadU(d, on + (2 * i + 1) * lanes), hn::LoadU(d, on + 2 * i * lanes));
+      if constexpr (kSubtract) {
+        v = hn::SaturatedSub(
+            v, hn::ConcatEven(d, hn::LoadU(d, off + (2 * i + 1) * lanes), hn::LoadU(d, off + 2 * i * lanes)));
+      }
+    } else {
+      v = hn::SaturatedSub(v, hn::LoadU(d, off + i * lanes));
+    }
+    if (further == 0) return v;
+    const auto pairs = hn::BitCast(d16, v);
+    return hn::BitCast(d, further > 0 ? hn::ShiftRight<8>(pairs) : hn::ShiftLeft<8>(pairs));
+  }
+}
+
+/// Means of the pixels' pairs: those of vector `even` in the even bytes, of vector `odd` in the odd.
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE auto means_of_2(D d, const std::uint8_t* on, const std::uint8_t* off, int even, int odd) {
+  const auto at = [&](int i, int further) HWY_ATTR { return pixels<kSignal, kSubtract>(d, on, off, i, further); };
+  return hn::OddEven(hn::AverageRound(at(odd, 0), at(odd, -1)), hn::AverageRound(at(even, 0), at(even, 1)));
+}
+
+/// Means of 4 neighbouring pixels of four vectors: mean(mean, mean), each rounded up.
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE auto means_of_4(D d, const std::uint8_t* on, const std::uint8_t* off) {
   const hn::RepartitionToWide<D> d16;
   const hn::RepartitionToWide<decltype(d16)> d32;
-  const auto right8 = [&](auto v) HWY_ATTR { return hn::BitCast(d, hn::ShiftRight<8>(hn::BitCast(d16, v))); };
-  const auto left8 = [&](auto v) HWY_ATTR { return hn::BitCast(d, hn::ShiftLeft<8>(hn::BitCast(d16, v))); };
-  const auto pairs = [&](auto even, auto odd)
-                         HWY_ATTR {  // means of even's pairs in the even bytes, of odd's in the odd
-                           return hn::OddEven(hn::AverageRound(odd, left8(odd)), hn::AverageRound(even, right8(even)));
-                         };
-  const auto low = pairs(bytes(0), bytes(1)), high = pairs(bytes(2), bytes(3));
+  const auto low = means_of_2<kSignal, kSubtract>(d, on, off, 0, 1);
+  const auto high = means_of_2<kSignal, kSubtract>(d, on, off, 2, 3);
   const auto low_means = hn::AverageRound(low, hn::BitCast(d, hn::ShiftRight<16>(hn::BitCast(d32, low))));
   const auto high_means = hn::AverageRound(high, hn::BitCast(d, hn::ShiftLeft<16>(hn::BitCast(d32, high))));
   const auto quads = hn::OddEven(hn::BitCast(d16, high_means), hn::BitCast(d16, low_means));
   return in_order(d, hn::BitCast(d, quads));
 }
 
-/// Red or green of cells from their luma and chroma, 16 bits, not limited to 0..255.
+/// 256 (chroma - 128) from 16-bit lanes with the chroma in their upper byte.
+template <class DI, class V16>
+HWY_INLINE auto chroma_of(DI di, V16 v) {
+  const hn::RebindToUnsigned<DI> d16;
+  return hn::BitCast(di, hn::Xor(hn::And(v, hn::Set(d16, 0xFF00)), hn::Set(d16, 0x8000)));
+}
+
+/// Red or green from luma and 256 times the chroma, 16 bits, not limited to 0..255.
 template <Signal kSignal, class DI, class VI>
-HWY_INLINE VI colour(DI di, VI y, VI u, VI v) {
-  v = hn::Sub(v, hn::Set(di, 128));
+HWY_INLINE VI colour(DI di, VI y, VI u256, VI v256) {
   if constexpr (kSignal == Signal::yuyv_red) {
-    return hn::Add(y, hn::Add(v, hn::ShiftRight<9>(hn::Mul(v, hn::Set(di, 206)))));
+    return hn::Add(y, hn::MulHigh(v256, hn::Set(di, 256 + 103)));
   } else {
-    u = hn::Sub(u, hn::Set(di, 128));
+    const auto u = hn::ShiftRight<8>(u256), v = hn::ShiftRight<8>(v256);
     return hn::Sub(y, hn::ShiftRight<7>(hn::Add(hn::Mul(u, hn::Set(di, 44)), hn::Mul(v, hn::Set(di, 91)))));
   }
 }
@@ -86,10 +109,9 @@ HWY_INLINE VI colour(DI di, VI y, VI u, VI v) {
 template <class D>
 HWY_INLINE auto yuv_means(D d, const std::uint8_t* bytes) {
   const hn::RepartitionToWide<hn::RepartitionToWide<D>> d32;
-  const hn::RepartitionToWide<decltype(d32)> d64;
-  const auto first = hn::LoadU(d, bytes), second = hn::LoadU(d, bytes + hn::Lanes(d));
-  const auto low = hn::AverageRound(first, hn::BitCast(d, hn::ShiftRight<32>(hn::BitCast(d64, first))));
-  const auto high = hn::AverageRound(second, hn::BitCast(d, hn::ShiftLeft<32>(hn::BitCast(d64, second))));
+  const std::uint8_t* second = bytes + hn::Lanes(d);
+  const auto low = hn::AverageRound(hn::LoadU(d, bytes), hn::LoadU(d, bytes + 4));
+  const auto high = hn::AverageRound(hn::LoadU(d, second), hn::LoadU(d, second - 4));
   return hn::OddEven(hn::BitCast(d32, high), hn::BitCast(d32, low));
 }
 
@@ -99,15 +121,12 @@ HWY_INLINE auto colours(D d, const std::uint8_t* lower, const std::uint8_t* uppe
   const hn::RepartitionToWide<D> d16;
   const hn::RebindToSigned<decltype(d16)> di;
   const auto as16 = [&](auto v) HWY_ATTR { return hn::BitCast(d16, v); };
-  const auto bytes = [&](auto v) HWY_ATTR { return hn::BitCast(d, v); };
   const auto a = yuv_means(d, lower), b = yuv_means(d, upper);
-  const auto byte = hn::Set(d16, 0xFF);
-  const auto y = hn::And(hn::OddEven(as16(hn::AverageRound(bytes(b), bytes(hn::ShiftLeft<16>(b)))),
-                                     as16(hn::AverageRound(bytes(a), bytes(hn::ShiftRight<16>(a))))),
-                         byte);
-  const auto u = hn::And(hn::OddEven(as16(hn::ShiftLeft<8>(b)), as16(hn::ShiftRight<8>(a))), byte);
-  const auto v = hn::OddEven(hn::ShiftRight<8>(as16(b)), as16(hn::ShiftRight<24>(a)));
-  return colour<kSignal>(di, hn::BitCast(di, y), hn::BitCast(di, u), hn::BitCast(di, v));
+  // Y02 U and Y13 V, of the lower cell and of the upper.
+  const auto y_u = hn::OddEven(as16(hn::ShiftLeft<16>(b)), as16(a));
+  const auto y_v = hn::OddEven(as16(b), as16(hn::ShiftRight<16>(a)));
+  const auto y = hn::And(as16(hn::AverageRound(hn::BitCast(d, y_u), hn::BitCast(d, y_v))), hn::Set(d16, 0xFF));
+  return colour<kSignal>(di, hn::BitCast(di, y), chroma_of(di, y_u), chroma_of(di, y_v));
 }
 
 /// Bytes of four pairs of vectors as yuv_means() leaves them, one of each pair in each 32 bits, in the order of the
@@ -127,44 +146,43 @@ HWY_INLINE V pairs_in_order(D d, V v) {
   return hn::TableLookupBytes(hn::BitCast(d, together), hn::LoadDup128(d, kVectors[kBlocks / 4]));
 }
 
-/// As many cells as D has lanes, from eight vectors of YUYV.
+/// Red or green of cells, on less off, limited to 0..255: of pair `lower` and pair `upper` of vectors.
 template <Signal kSignal, bool kSubtract, class D>
-HWY_INLINE void store_colour_cells(D d, const std::uint8_t* on, const std::uint8_t* off, std::uint8_t* out) {
+HWY_INLINE auto colour_signals(D d, const std::uint8_t* on, const std::uint8_t* off, int lower, int upper) {
   const hn::RepartitionToWide<D> d16;
   const hn::RebindToSigned<decltype(d16)> di;
-  const std::size_t pair = 2 * hn::Lanes(d);
-  const auto signal = [&](std::size_t lower, std::size_t upper) HWY_ATTR {
-    auto value = colours<kSignal>(d, on + lower * pair, on + upper * pair);
-    if constexpr (kSubtract) value = hn::Sub(value, colours<kSignal>(d, off + lower * pair, off + upper * pair));
-    return hn::BitCast(d16, hn::Min(hn::Max(value, hn::Zero(di)), hn::Set(di, 255)));
-  };
-  const auto cells = hn::Or(signal(0, 2), hn::ShiftLeft<8>(signal(1, 3)));
-  hn::StoreU(pairs_in_order(d, hn::BitCast(d, cells)), d, out);
+  const int pair = 2 * static_cast<int>(hn::Lanes(d));
+  auto value = colours<kSignal>(d, on + lower * pair, on + upper * pair);
+  if constexpr (kSubtract) value = hn::Sub(value, colours<kSignal>(d, off + lower * pair, off + upper * pair));
+  return hn::BitCast(d16, hn::Min(hn::Max(value, hn::Zero(di)), hn::Set(di, 255)));
 }
 
-/// One cell (mean signal) for each 4 pixels.
+/// As many cells as D has lanes. (Not a lambda: those that are called twice may become functions, called for each
+/// vector.)
+template <Signal kSignal, bool kSubtract, class D>
+HWY_INLINE void store_cells(D d, const std::uint8_t* on, const std::uint8_t* off, std::uint8_t* cells) {
+  if constexpr (kSignal == Signal::grey || kSignal == Signal::yuyv_luma) {
+    hn::StoreU(means_of_4<kSignal, kSubtract>(d, on, off), d, cells);
+  } else {
+    const auto even = colour_signals<kSignal, kSubtract>(d, on, off, 0, 2);
+    const auto odd = colour_signals<kSignal, kSubtract>(d, on, off, 1, 3);
+    hn::StoreU(pairs_in_order(d, hn::BitCast(d, hn::Or(even, hn::ShiftLeft<8>(odd)))), d, cells);
+  }
+}
+
+/// One cell (mean signal) for each 4 pixels. @pre cell_count >= lanes of D
 template <Signal kSignal, bool kSubtract, class D>
 HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, int cell_count, std::uint8_t* cells) {
   constexpr int kBytesPerCell = kSignal == Signal::grey ? 4 : 8;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  for_each_vector(cell_count, lanes, [&](int cell) {
-    const std::uint8_t* lit = on + cell * kBytesPerCell;
-    const std::uint8_t* dark = kSubtract ? off + cell * kBytesPerCell : nullptr;
-    if constexpr (kSignal == Signal::grey || kSignal == Signal::yuyv_luma) {
-      const auto bytes = [&](int i) {
-        const auto v = hn::LoadU(d, lit + i * lanes);
-        if constexpr (kSubtract) return hn::SaturatedSub(v, hn::LoadU(d, dark + i * lanes));
-        return v;
-      };
-      const auto pixels = [&](int i) {
-        if constexpr (kSignal == Signal::yuyv_luma) return hn::ConcatEven(d, bytes(2 * i + 1), bytes(2 * i));
-        return bytes(i);
-      };
-      hn::StoreU(means_of_4(d, pixels), d, cells + cell);
-    } else {
-      store_colour_cells<kSignal, kSubtract>(d, lit, dark, cells + cell);
-    }
-  });
+  const auto dark = [&](int cell) { return kSubtract ? off + cell * kBytesPerCell : nullptr; };
+  int cell = 0;
+  for (; cell + lanes <= cell_count; cell += lanes) {
+    store_cells<kSignal, kSubtract>(d, on + cell * kBytesPerCell, dark(cell), cells + cell);
+  }
+  if (cell == cell_count) return;
+  cell = cell_count - lanes;  // no read or write beyond
+  store_cells<kSignal, kSubtract>(d, on + cell * kBytesPerCell, dark(cell), cells + cell);
 }
 
 HWY_INLINE int largest(V8 v) {
@@ -186,46 +204,39 @@ HWY_INLINE void pad_cells(std::uint8_t* cells, int cell_count) {
 }
 
 /// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
-/// does not. Each lane keeps its two largest scores and where the first of them was, so that no second pass is needed.
+/// does not. Returns the largest of each lane.
 /// @pre padded cells; scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
-HWY_INLINE void score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores, ScoreLanes& best) {
+HWY_INLINE V8 score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores) {
   const D8 d;
-  const hn::Repartition<std::uint64_t, D8> d64;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto mean_of_8_px = [&](int i) {
     return hn::AverageRound(hn::LoadU(d, cells + i), hn::LoadU(d, cells + i + 1));
   };
-  const auto zero = hn::Zero(d), one = hn::Set(d, 1);
-  auto highest = zero, second = zero, where = zero, vector = one;
-  auto sum = hn::Zero(d64);
+  const auto zero = hn::Zero(d);
+  auto highest = zero;
   int i = 0;
   for (; i < cell_count; i += lanes) {
     const auto score = hn::SaturatedSub(mean_of_8_px(i), hn::Max(mean_of_8_px(i - 3), mean_of_8_px(i + 3)));
     hn::Store(score, d, scores + i);
-    const auto higher = hn::Max(highest, score);
-    second = hn::Max(second, hn::Min(highest, score));
-    where = hn::IfThenElse(hn::Eq(higher, highest), where, vector);
-    highest = higher;
-    vector = hn::Add(vector, one);
-    sum = hn::Add(sum, hn::SumsOf8(score));
+    highest = hn::Max(highest, score);
   }
   hn::Store(zero, d, scores - lanes);
   hn::Store(zero, d, scores + i);
-  hn::Store(highest, d, best.highest);
-  hn::Store(second, d, best.second);
-  hn::Store(where, d, best.where);
-  hn::Store(sum, d64, best.sum);
+  return highest;
 }
 
-/// Vertex of the parabola through a score and its neighbours.
+/// A score and its neighbours, and the vertex of the parabola through them.
 struct Vertex {
-  float height = 0, offset_cells = 0;
+  int before = 0, score = 0, after = 0;
+
+  float curvature() const { return static_cast<float>(HWY_MAX(2 * score - before - after, 1)); }
+  float lean() const { return static_cast<float>(after - before); }
+  float height() const { return static_cast<float>(score) + lean() * lean() / (8 * curvature()); }
+  float offset_cells() const { return lean() / (2 * curvature()); }
 };
 
-HWY_INLINE Vertex vertex_of(int before, int score, int after) {
-  const float curvature = static_cast<float>(HWY_MAX(2 * score - before - after, 1));
-  const float lean = static_cast<float>(after - before);
-  return {static_cast<float>(score) + lean * lean / (8 * curvature), lean / (2 * curvature)};
+HWY_INLINE Vertex vertex_at(const std::uint8_t* scores, int cell) {
+  return {scores[cell - 1], scores[cell], scores[cell + 1]};
 }
 
 struct CoarsePeak {
@@ -233,7 +244,7 @@ struct CoarsePeak {
   int center_px = 0;  ///< of status found, even
 };
 
-inline constexpr int kBlankCells = 6;
+inline constexpr int kBlankCells = 6;  ///< on each side of a peak
 
 HWY_INLINE int first_cell_of(const std::uint8_t* scores, int cell_count, int score) {
   const D8 d;
@@ -245,80 +256,61 @@ HWY_INLINE int first_cell_of(const std::uint8_t* scores, int cell_count, int sco
   return 0;
 }
 
-/// First cell of the largest score.
-HWY_INLINE int place_of(const ScoreLanes& best, int highest) {
-  const D8 d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  std::uint8_t bits[8] = {};
-  hn::StoreMaskBits(d, hn::Eq(hn::Load(d, best.highest), hn::Set(d, static_cast<std::uint8_t>(highest))), bits);
-  std::uint64_t rest = 0;
-  for (int i = 0; i < 8; ++i) rest |= std::uint64_t{bits[i]} << (8 * i);
-  int first = kMaximumWidthPx;
-  for (; rest != 0; rest &= rest - 1) {
-    const int lane = static_cast<int>(hwy::Num0BitsBelowLS1Bit_Nonzero64(rest));
-    first = HWY_MIN(first, (best.where[lane] - 1) * lanes + lane);
-  }
-  return first;
+/// Sets the scores about a peak to zero.
+HWY_INLINE void blank(std::uint8_t* scores, int cell) {
+  const hn::CappedTag<std::uint8_t, 16> d;
+  std::uint8_t* at = scores + cell - kBlankCells;
+  hn::StoreU(hn::IfThenZeroElse(hn::FirstN(d, 2 * kBlankCells + 1), hn::LoadU(d, at)), d, at);
 }
 
-/// Largest score further than kBlankCells from `cell`. Of the blanked cells each is alone in its lane: where it is the
-/// lane's largest, the lane's second counts.
-HWY_INLINE int largest_away_from(const ScoreLanes& best, int cell) {
-  const D8 d;
-  static_assert(hn::MaxLanes(D8()) > 2 * kBlankCells);
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  const int start = cell - kBlankCells + lanes;  // vectors count from 1
-  const auto set = [&](int v) HWY_ATTR { return hn::Set(d, static_cast<std::uint8_t>(v)); };
-  const auto lane = hn::Iota(d, 0), first_lane = set(start % lanes);
-  const auto before = hn::VecFromMask(d, hn::Lt(lane, first_lane));  // in the next vector: less -1
-  const auto vector = hn::Sub(set(start / lanes), before);
-  const auto distance = hn::And(hn::Sub(lane, first_lane), set(lanes - 1));
-  const auto blanked = hn::And(hn::Lt(distance, set(2 * kBlankCells + 1)), hn::Eq(hn::Load(d, best.where), vector));
-  return largest(hn::IfThenElse(blanked, hn::Load(d, best.second), hn::Load(d, best.highest)));
-}
+/// Largest score and sum of the scores.
+struct ScoreTotals {
+  int highest = 0, sum = 0;
+};
 
-/// Sum of the scores further than kBlankCells from `cell`.
-HWY_INLINE int sum_away_from(const ScoreLanes& best, const std::uint8_t* scores, int cell) {
+HWY_INLINE ScoreTotals totals_of(const std::uint8_t* scores, int cell_count) {
+  const D8 d;
   const hn::Repartition<std::uint64_t, D8> d64;
-  const hn::CappedTag<std::uint8_t, 16> d16;
-  const hn::Repartition<std::uint64_t, decltype(d16)> d16_64;
-  const auto blanked =
-      hn::IfThenElseZero(hn::FirstN(d16, 2 * kBlankCells + 1), hn::LoadU(d16, scores + cell - kBlankCells));
-  return static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, hn::Load(d64, best.sum))) -
-                          hn::GetLane(hn::SumOfLanes(d16_64, hn::SumsOf8(blanked))));
+  auto highest = hn::Zero(d);
+  auto sum = hn::Zero(d64);
+  for (int i = 0; i < cell_count; i += static_cast<int>(hn::Lanes(d))) {
+    const auto score = hn::Load(d, scores + i);
+    highest = hn::Max(highest, score);
+    sum = hn::Add(sum, hn::SumsOf8(score));
+  }
+  return {largest(highest), static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, sum)))};
 }
 
-/// The lines of a block of scored rows: status found with a center, or why there is none. One question at a time for
-/// all rows, so that they wait for memory and reductions together.
-HWY_INLINE void coarse_peaks(Scratch& s, int row_count, int cell_count, const LaserLineOptions& options,
-                             CoarsePeak* peaks) {
-  int highest[kBlockRows], cell[kBlockRows], second[kBlockRows], sum[kBlockRows];
-  const auto scores_of = [&](int i) { return s.scores[i] + kPaddingCells; };
-  for (int i = 0; i < row_count; ++i) highest[i] = largest(hn::Load(D8(), s.best[i].highest));
-  for (int i = 0; i < row_count; ++i) cell[i] = place_of(s.best[i], highest[i]);
-  for (int i = 0; i < row_count; ++i) second[i] = largest_away_from(s.best[i], cell[i]);
-  for (int i = 0; i < row_count; ++i) sum[i] = sum_away_from(s.best[i], scores_of(i), cell[i]);
-  for (int i = 0; i < row_count; ++i) {
-    std::uint8_t* scores = scores_of(i);
-    peaks[i] = {};
-    if (highest[i] < options.minimum_contrast) continue;
-    const Vertex vertex = vertex_of(scores[cell[i] - 1], highest[i], scores[cell[i] + 1]);
-    const float limit = static_cast<float>(options.ambiguous_percent) * 0.01f * vertex.height;
-    // A vertex is at most an eighth of its score higher than the score.
-    if (static_cast<float>(second[i]) * 1.125f > limit) {
-      std::memset(scores + cell[i] - kBlankCells, 0, 2 * kBlankCells + 1);
-      const int at = first_cell_of(scores, cell_count, second[i]);
-      if (vertex_of(scores[at - 1], second[i], scores[at + 1]).height > limit) {
-        peaks[i].status = RowStatus::ambiguous;
-        continue;
-      }
-    }
-    const int blanked = HWY_MIN(cell[i] + kBlankCells, cell_count - 1) - HWY_MAX(cell[i] - kBlankCells, 0) + 1;
-    if (highest[i] * (cell_count - blanked) < kNoiseFactor * sum[i]) continue;
-    // The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
-    const int offset_px = 2 * (static_cast<int>(2 * vertex.offset_cells + 16.25f) - 16);
-    peaks[i] = {RowStatus::found, 4 * cell[i] + 4 + offset_px};
+/// The largest score of a row.
+struct TopScore {
+  int cell = 0;  ///< the first that has it
+  Vertex vertex;
+};
+
+/// Takes the top out of the scores. @pre highest >= every score of its lane, one of them equal
+HWY_INLINE TopScore take_top(std::uint8_t* scores, int cell_count, V8 highest) {
+  const int cell = first_cell_of(scores, cell_count, largest(highest));
+  const TopScore top{cell, vertex_at(scores, cell)};
+  blank(scores, cell);
+  return top;
+}
+
+/// What the top that was taken out is, next to what is left: status found with a center, or why there is none.
+HWY_INLINE CoarsePeak judge(const TopScore& top, const std::uint8_t* scores, int cell_count,
+                            const LaserLineOptions& options) {
+  const ScoreTotals left = totals_of(scores, cell_count);
+  if (top.vertex.score < options.minimum_contrast) return {};
+  const float share = static_cast<float>(options.ambiguous_percent) * 0.01f;
+  // A vertex is at most an eighth of its score higher than the score.
+  if (static_cast<float>(left.highest) * 1.125f > share * static_cast<float>(top.vertex.score)) {
+    const Vertex second = vertex_at(scores, first_cell_of(scores, cell_count, left.highest));
+    if (second.height() > share * top.vertex.height()) return {RowStatus::ambiguous, 0};
   }
+  const int blanked = HWY_MIN(top.cell + kBlankCells, cell_count - 1) - HWY_MAX(top.cell - kBlankCells, 0) + 1;
+  if (top.vertex.score * (cell_count - blanked) < kNoiseFactor * left.sum) return {};
+  // The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
+  const int offset_px = 2 * (static_cast<int>(2 * top.vertex.offset_cells() + 16.25f) - 16);
+  return {RowStatus::found, 4 * top.cell + 4 + offset_px};
 }
 
 }  // namespace HWY_NAMESPACE

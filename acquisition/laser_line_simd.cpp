@@ -5,12 +5,12 @@
 #include "hwy/highway.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "acquisition/laser_line_kernels.h"
 #include "acquisition/laser_line_search-inl.h"
 #include "acquisition/line_window-inl.h"
 #include "acquisition/quasi_ml-inl.h"
+#include "hwy/cache_control.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace celadon::line_kernels {
@@ -22,11 +22,47 @@ HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
   // A line cut by the frame's border has no centre to be known.
   if (!(s.good[lane] > 0) || x < margin || x > static_cast<float>(width - 1) - margin) return;
   row.x_px = x;
-  row.sigma_px = std::sqrt(s.variance_x[lane]);
+  row.sigma_px = s.sigma_x[lane];
   row.amplitude = s.amplitude[lane];
   row.width_px = s.width[lane];
   row.status = window.saturated ? RowStatus::saturated : RowStatus::found;
 }
+
+/// Asks for rows some time before they are worked on, a part at a time: a core waits for few lines of memory at once.
+/// Inlined always: g++ takes a function that only asks for memory for one without effects, and leaves out its calls.
+class RowRequests {
+ public:
+  RowRequests(const std::uint8_t* frame, std::size_t stride_bytes, std::size_t row_bytes, int row_count)
+      : frame_(frame),
+        stride_(stride_bytes),
+        row_bytes_(row_bytes),
+        part_bytes_((row_bytes / kLineBytes + kParts - 1) / kParts * kLineBytes),
+        last_row_(row_count - 1) {}
+
+  /// Processors drop a request in a page whose address they do not know: has those of a later row looked up.
+  HWY_INLINE void look_up_pages(int row) const {
+    const std::uint8_t* bytes = ahead_of(row, kRowsOfPages);
+    for (std::size_t i = 0; i < row_bytes_; i += kPageBytes) hwy::Prefetch(bytes + i);
+  }
+
+  HWY_INLINE void ask_for_part(int row, std::size_t part) const {
+    constexpr int kSecondLevel = 2;  // of the cache: the first is full of rows in work
+    const std::uint8_t* bytes = ahead_of(row, kRowsAsked) + part * part_bytes_;
+    for (std::size_t i = 0; i < part_bytes_; i += kLineBytes) __builtin_prefetch(bytes + i, 0, kSecondLevel);
+  }
+
+ private:
+  static constexpr std::size_t kParts = kRowsInWork, kLineBytes = 64, kPageBytes = 4096;
+  static constexpr int kRowsAsked = 5, kRowsOfPages = 9;
+
+  HWY_INLINE const std::uint8_t* ahead_of(int row, int rows) const {
+    return frame_ + static_cast<std::size_t>(std::min(row + rows, last_row_)) * stride_;
+  }
+
+  const std::uint8_t* frame_;
+  std::size_t stride_, row_bytes_, part_bytes_;
+  int last_row_;
+};
 
 template <Signal kSignal, bool kSubtract>
 void extract_block(const Job& job, int first_row, int row_count) {
@@ -36,47 +72,54 @@ void extract_block(const Job& job, int first_row, int row_count) {
   const auto row_of = [&](const std::uint8_t* frame, int i) {
     return frame + static_cast<std::size_t>(first_row + i) * job.stride_bytes;
   };
-  const int rows_ahead = std::min(kBlockRows, job.height_px - first_row - row_count);
-  Prefetcher ahead(row_of(job.on, row_count), kSubtract ? row_of(job.off, row_count) : nullptr,
-                   static_cast<std::size_t>(rows_ahead) * job.stride_bytes);
-  // Some times a row, rows of two bytes a pixel more often; the rest while positions are refined.
-  constexpr std::size_t kTimes = kSignal == Signal::grey ? 3 : 4;
-  const std::size_t parts = (job.options.refinement == LineRefinement::zero_crossing ? 54 : 36) / kTimes;
-  for (int i = 0; i < row_count; ++i) {
-    ahead.advance(parts);
-    const std::uint8_t* on = row_of(job.on, i);
-    const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
-    std::uint8_t* cells = s.cells[i] + kPaddingCells;
-    if (narrow) {  // NOLINT(bugprone-branch-clone): the same where vectors have 16 lanes
-      decimate<kSignal, kSubtract>(DNarrow(), on, off, cell_count, cells);
-    } else {
-      decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);
-    }
-    pad_cells(cells, cell_count);
-    if constexpr (kTimes == 4) ahead.advance(parts);
-  }
-  for (int i = 0; i < row_count; ++i) {
-    ahead.advance(parts);
-    score_cells(s.cells[i] + kPaddingCells, cell_count, s.scores[i] + kPaddingCells, s.best[i]);
-  }
-  CoarsePeak peaks[kBlockRows];
-  coarse_peaks(s, row_count, cell_count, job.options, peaks);
+  const std::size_t row_bytes = static_cast<std::size_t>(job.width_px) * (kSignal == Signal::grey ? 1 : 2);
+  const RowRequests on_requests(job.on, job.stride_bytes, row_bytes, job.height_px);
+  const RowRequests off_requests(job.off, job.stride_bytes, row_bytes, job.height_px);
+  TopScore top[kRowsInWork];
   bool any_whole = false, any_partial = false;
-  for (int i = 0; i < kBlockRows; ++i) {
-    ahead.advance(parts);
-    s.window[i].kind = WindowKind::none;
-    if (i >= row_count) continue;
-    LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
-    row = {};
-    const CoarsePeak& peak = peaks[i];
-    if (peak.status != RowStatus::found) {
+  for (int i = row_count; i < kBlockRows; ++i) s.window[i].kind = WindowKind::none;
+  // A row's four steps in four turns: its stores are in the cache when it is read again.
+  for (int turn = 0; turn < row_count + kRowsInWork - 1; ++turn) {
+    const int current_row = first_row + turn;
+    on_requests.look_up_pages(current_row);
+    if constexpr (kSubtract) off_requests.look_up_pages(current_row);
+    const auto in_turn = [&](int step, auto&& work) {
+      on_requests.ask_for_part(current_row, static_cast<std::size_t>(step));
+      if constexpr (kSubtract) off_requests.ask_for_part(current_row, static_cast<std::size_t>(step));
+      const int i = turn - step;
+      if (i >= 0 && i < row_count) work(i, i % kRowsInWork);
+    };
+    in_turn(0, [&](int i, int slot) {
+      const std::uint8_t* on = row_of(job.on, i);
+      const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
+      std::uint8_t* cells = s.cells[slot] + kPaddingCells;
+      if (narrow) {  // NOLINT(bugprone-branch-clone): the same where vectors have 16 lanes
+        decimate<kSignal, kSubtract>(DNarrow(), on, off, cell_count, cells);
+      } else {
+        decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);
+      }
+      pad_cells(cells, cell_count);
+    });
+    in_turn(1, [&](int, int slot) {
+      const auto highest = score_cells(s.cells[slot] + kPaddingCells, cell_count, s.scores[slot] + kPaddingCells);
+      hn::Store(highest, D8(), s.highest[slot]);
+    });
+    in_turn(2, [&](int, int slot) {
+      top[slot] = take_top(s.scores[slot] + kPaddingCells, cell_count, hn::Load(D8(), s.highest[slot]));
+    });
+    in_turn(3, [&](int i, int slot) {
+      const CoarsePeak peak = judge(top[slot], s.scores[slot] + kPaddingCells, cell_count, job.options);
+      LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
+      row = {};
       row.status = peak.status;
-      continue;
-    }
-    take_row<kSignal, kSubtract>(s, i, row_of(job.on, i), kSubtract ? row_of(job.off, i) : nullptr, job.width_px,
-                                 peak.center_px, job.options);
-    any_whole = any_whole || s.window[i].kind == WindowKind::whole;
-    any_partial = any_partial || s.window[i].kind == WindowKind::partial;
+      s.window[i].kind = WindowKind::none;
+      if (peak.status != RowStatus::found) return;
+      row.status = RowStatus::no_line;
+      take_row<kSignal, kSubtract>(s, i, row_of(job.on, i), kSubtract ? row_of(job.off, i) : nullptr, job.width_px,
+                                   peak.center_px, job.options);
+      any_whole = any_whole || s.window[i].kind == WindowKind::whole;
+      any_partial = any_partial || s.window[i].kind == WindowKind::partial;
+    });
   }
   const auto refine = [&](auto&& refine_rows, WindowKind kind) {
     refine_rows(s, job.options);
@@ -86,7 +129,6 @@ void extract_block(const Job& job, int first_row, int row_count) {
     }
   };
   if (!any_whole && !any_partial) return;
-  s.ahead = ahead;
   assign_lanes(s, any_partial);
   transpose(s.cut, s.row, s.signal);
   if (any_whole) refine(refine_block<false>, WindowKind::whole);

@@ -28,19 +28,18 @@ template <Signal kSignal>
 constexpr std::int16_t kSaturatedLevel = kSignal == Signal::grey ? 250 : 235;
 
 /// Signal of the pixels px, px + 1 ..., not limited to 0..255. @pre px is even
-template <Signal kSignal>
-HWY_INLINE VPx signals_at(const std::uint8_t* row, int px) {
-  const DPx d;
+template <Signal kSignal, class D>
+HWY_INLINE hn::VFromD<D> signals_at(D d, const std::uint8_t* row, int px) {
   if constexpr (kSignal == Signal::grey) {
-    return hn::PromoteTo(d, hn::LoadU(hn::Rebind<std::uint8_t, DPx>(), row + px));
+    return hn::PromoteTo(d, hn::LoadU(hn::Rebind<std::uint8_t, D>(), row + px));
   } else {
-    const hn::Repartition<std::uint8_t, DPx> d8;
-    const hn::RebindToUnsigned<DPx> d16;
+    const hn::Repartition<std::uint8_t, D> d8;
+    const hn::RebindToUnsigned<D> d16;
     const hn::RepartitionToWide<decltype(d16)> d32;
     const auto bytes = hn::BitCast(d16, hn::LoadU(d8, row + 2 * px));
     const auto y = hn::BitCast(d, hn::And(bytes, hn::Set(d16, 0xFF)));
     if constexpr (kSignal == Signal::yuyv_luma) return y;
-    const auto chroma = hn::BitCast(d32, hn::ShiftRight<8>(bytes));  // U in the lower half, V in the upper
+    const auto chroma = hn::BitCast(d32, chroma_of(d, bytes));  // U in the lower half, V in the upper
     const auto lower = hn::And(chroma, hn::Set(d32, 0xFFFF)), upper = hn::ShiftRight<16>(chroma);
     const auto u = hn::BitCast(d, hn::Or(lower, hn::ShiftLeft<16>(lower)));
     const auto v = hn::BitCast(d, hn::Or(upper, hn::ShiftLeft<16>(upper)));
@@ -63,15 +62,22 @@ HWY_INLINE int signal_at(const std::uint8_t* row, int px) {
   }
 }
 
-/// Sum of the signal 4 pixels each side of the window's ends: light that is not the line's.
-inline constexpr int kAmbientPx[8] = {8, 9, 10, 11, 52, 53, 54, 55};
-
+/// Sum of the signal of 4 pixels at each side of the window, from its 8th and to its 8th last: light that is not the
+/// line's.
 template <Signal kSignal>
 HWY_INLINE int ambient_sum(const std::uint8_t* row, int first, int width) {
-  const bool inside = first >= 0 && first + kWindowPx <= width;
+  constexpr int kLeftPx = 8, kRightPx = 52, kPx = 4;
+  if (first >= 0 && first + kWindowPx <= width) {
+    const hn::CappedTag<std::int16_t, 4> d;
+    const auto at = [&](int px) HWY_ATTR { return signals_at<kSignal>(d, row, first + px); };
+    return hn::GetLane(hn::SumOfLanes(d, hn::Add(at(kLeftPx), at(kRightPx))));
+  }
   int sum = 0;
-  for (const int i : kAmbientPx)
-    sum += signal_at<kSignal>(row, inside ? first + i : std::clamp(first + i, 0, width - 1));
+  for (int i = 0; i < kPx; ++i) {
+    for (const int start : {kLeftPx, kRightPx}) {
+      sum += signal_at<kSignal>(row, std::clamp(first + start + i, 0, width - 1));
+    }
+  }
   return sum;
 }
 
@@ -91,18 +97,20 @@ HWY_INLINE void cut_window(Scratch& s, int row, const std::uint8_t* on, const st
   };
   window.saturated = false;
   if (inside) {
-    const auto level = hn::Set(d, kSaturatedLevel<kSignal>);
     auto highest = hn::Zero(d);
     for (int i = 0; i < kWindowPx; i += lanes) {
-      const auto lit = signals_at<kSignal>(on, first + i);
+      const auto lit = signals_at<kSignal>(d, on, first + i);
       highest = hn::Max(highest, lit);
       auto value = lit;
-      if constexpr (kSubtract) value = hn::Sub(lit, signals_at<kSignal>(off, first + i));
+      if constexpr (kSubtract) value = hn::Sub(lit, signals_at<kSignal>(d, off, first + i));
       hn::Store(clipped(value), d, cut + i);
-      hn::Store(hn::VecFromMask(d, hn::Lt(lit, level)), d, s.usable[row] + i);
     }
+    const auto level = hn::Set(d, kSaturatedLevel<kSignal>);
     window.saturated = !hn::AllTrue(d, hn::Lt(highest, level));
     window.kind = window.saturated ? WindowKind::partial : WindowKind::whole;
+    for (int i = 0; window.saturated && i < kWindowPx; i += lanes) {
+      hn::Store(hn::VecFromMask(d, hn::Lt(signals_at<kSignal>(d, on, first + i), level)), d, s.usable[row] + i);
+    }
     return;
   }
   window.kind = WindowKind::partial;

@@ -32,10 +32,6 @@ inline constexpr int kBackgroundPx = 6;                ///< pixels of background
 template <bool kMasked>
 constexpr int kPasses = kMasked ? 6 : 3;
 
-/// Shares (of Prefetcher::kParts) of the bytes ahead that are asked for with a pass over 16 rows and with each of four
-/// steps of its preparation.
-inline constexpr std::size_t kPassParts = 110, kPrepareParts = 35;
-
 /// The width is known to about a seventh beforehand: that holds faint and speckled rows together.
 inline constexpr float kWidthInformation = 50;
 
@@ -216,33 +212,33 @@ HWY_INLINE VF exp_of(VF y) {
   return hn::Mul(p, hn::BitCast(d, exponent));
 }
 
-/// Calls f(k, light, u) for k = 0, 1 .. reach and -1 .. -reach with the model's light A g and u = (k - x) / s. The
-/// Gaussian follows from its neighbour by two multiplications.
+/// Calls f(k, light, u) for k = 0, 1, -1 .. reach, -reach with the model's light A g and u = (k - x) / s. The Gaussian
+/// follows from its neighbour by two multiplications.
 template <class F>
 HWY_INLINE void for_each_pixel(const LineModel& m, int reach, F&& f) {
   const DF d;
-  const auto inverse_width = hn::Div(hn::Set(d, 1.f), m.width);
+  const auto one = hn::Set(d, 1.f);
+  const auto inverse_width = hn::Div(one, m.width);
   const auto inverse_variance = hn::Mul(inverse_width, inverse_width);
   const auto half = hn::Mul(hn::Set(d, 0.5f), inverse_variance);
   const auto ratio_step = exp_of(hn::Neg(inverse_variance));
-  const auto u_start = hn::Neg(hn::Mul(m.x, inverse_width));
-  const auto light_start = hn::Mul(m.amplitude, exp_of(hn::Neg(hn::Mul(half, hn::Mul(m.x, m.x)))));
-  f(0, light_start, u_start);
-  const auto walk = [&](int sign) {
-    const auto step = hn::Set(d, static_cast<float>(sign));
-    const auto u_step = hn::Mul(step, inverse_width);
-    // g(k + sign) / g(k) at k = 0
-    auto ratio = exp_of(hn::Mul(half, hn::MulSub(hn::Add(step, step), m.x, hn::Set(d, 1.f))));
-    auto light = light_start, u = u_start;
-    for (int k = 1; k <= reach; ++k) {
-      light = hn::Mul(light, ratio);
-      ratio = hn::Mul(ratio, ratio_step);
-      u = hn::Add(u, u_step);
-      f(sign * k, light, u);
-    }
-  };
-  walk(1);
-  walk(-1);
+  const auto light = hn::Mul(m.amplitude, exp_of(hn::Neg(hn::Mul(half, hn::Mul(m.x, m.x)))));
+  const auto u = hn::Neg(hn::Mul(m.x, inverse_width)), twice_x = hn::Add(m.x, m.x);
+  f(0, light, u);
+  // g(k + 1) / g(k) and g(-k - 1) / g(-k), from k = 0
+  auto ratio_right = exp_of(hn::Mul(half, hn::Sub(twice_x, one)));
+  auto ratio_left = exp_of(hn::Neg(hn::Mul(half, hn::Add(twice_x, one))));
+  auto light_right = light, light_left = light, u_right = u, u_left = u;
+  for (int k = 1; k <= reach; ++k) {
+    light_right = hn::Mul(light_right, ratio_right);
+    ratio_right = hn::Mul(ratio_right, ratio_step);
+    u_right = hn::Add(u_right, inverse_width);
+    f(k, light_right, u_right);
+    light_left = hn::Mul(light_left, ratio_left);
+    ratio_left = hn::Mul(ratio_left, ratio_step);
+    u_left = hn::Sub(u_left, inverse_width);
+    f(-k, light_left, u_left);
+  }
 }
 
 HWY_INLINE VF variance(const NoiseModel& noise, VF light) {
@@ -260,22 +256,37 @@ struct Normal {
   VF excess, weight;
 };
 
+/// Signal over background of the vector of rows from `lane` on, at pixels up to `reach` from the middle; what is there
+/// already stays.
+HWY_INLINE void subtract_background(Scratch& s, int lane, int reach) {
+  const DF d;
+  const auto level = hn::Load(d, s.level + lane), slope = hn::Load(d, s.slope + lane);
+  const auto subtract = [&](int k) HWY_ATTR {
+    const auto background = hn::MulAdd(slope, hn::Set(d, static_cast<float>(k)), level);
+    hn::Store(hn::Sub(load_float(s.signal[kMiddle + k] + lane), background), d, s.light[kMiddle + k] + lane);
+  };
+  for (int k = s.light_reach[lane] + 1; k <= reach; ++k) {
+    subtract(k);
+    subtract(-k);
+  }
+  s.light_reach[lane] = HWY_MAX(s.light_reach[lane], reach);
+}
+
 template <bool kMasked, Pass kPass>
-HWY_INLINE Normal normal_sums(const Scratch& s, int lane, const LineModel& m, const NoiseModel& noise) {
+HWY_INLINE Normal normal_sums(Scratch& s, int lane, const LineModel& m, const NoiseModel& noise) {
   const DF d;
   const auto zero = hn::Zero(d), reach2 = hn::Set(d, kReachWidths * kReachWidths);
-  const auto level_0 = hn::Load(d, s.level + lane), slope = hn::Load(d, s.slope + lane);
   Normal n{zero, zero, zero, zero, zero, zero, zero, zero, zero, zero};
   const auto extent = hn::MulAdd(m.width, hn::Set(d, kReachWidths), hn::Abs(m.x));
   const int reach = HWY_MIN(kReachPx, static_cast<int>(hn::GetLane(hn::MaxOfLanes(d, extent))));
+  subtract_background(s, lane, reach);
   for_each_pixel(m, reach, [&](int k, VF light, VF u) HWY_ATTR {
     const auto u2 = hn::Mul(u, u);
     const auto v = variance(noise, light);
     auto t = kPass == Pass::last ? hn::Div(light, v) : hn::Mul(light, hn::ApproximateReciprocal(v));
     t = hn::IfThenElseZero(hn::Le(u2, reach2), t);  // weight times light
     if constexpr (kMasked) t = hn::Mul(t, hn::Neg(load_float(s.usable_signal[kMiddle + k] + lane)));
-    const auto level = hn::MulAdd(slope, hn::Set(d, static_cast<float>(k)), level_0);
-    const auto residual = hn::Sub(hn::Sub(load_float(s.signal[kMiddle + k] + lane), level), light);
+    const auto residual = hn::Sub(hn::Load(d, s.light[kMiddle + k] + lane), light);
     const auto aa = hn::Mul(t, light), xx = hn::Mul(aa, u2);
     n.aa = hn::Add(n.aa, aa);
     n.xx = hn::Add(n.xx, xx);
@@ -357,7 +368,6 @@ HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
   } else {
     find_crossings(s, p);
   }
-  s.ahead.advance(kPrepareParts);
   for (int row = 0; row < kBlockRows; ++row) p.near[row] = 13;
   sum_background<kMasked>(s, p);
   for (int lane = 0; lane < kBlockRows; lane += lanes) {
@@ -366,9 +376,7 @@ HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
     const auto half = hn::MulSub(set(0.5f), light, set(0.29f));
     hn::Store(hn::DemoteTo(DH(), hn::NearestInt(half)), DH(), p.half + lane);
   }
-  s.ahead.advance(kPrepareParts);
   count_above_half<kMasked>(s, p);
-  s.ahead.advance(kPrepareParts);
   for (int lane = 0; lane < kBlockRows; lane += lanes) {
     const auto before = load_float(p.before + lane), after = load_float(p.after + lane);
     const auto above = load_float(p.above + lane), crossing = load_float(p.crossing + lane);
@@ -399,11 +407,11 @@ HWY_INLINE void prepare(Scratch& s, bool quasi_ml) {
     hn::Store(growth, d, s.amplitude + lane);
     hn::Store(hn::IfThenElseZero(good, set(1.f)), d, s.good + lane);
   }
-  s.ahead.advance(kPrepareParts);
   sum_background<kMasked>(s, p);
   for (int lane = 0; lane < kBlockRows; lane += lanes) {
     const Background b = background_of(p, lane);
     const auto light = hn::Sub(hn::Mul(load_float(p.light + lane), set(1.f / 3)), b.level);
+    s.light_reach[lane] = -1;
     hn::Store(b.level, d, s.level + lane);
     hn::Store(b.slope, d, s.slope + lane);
     hn::Store(b.slope_information, d, s.slope_information + lane);
@@ -441,7 +449,6 @@ HWY_NOINLINE void improve(Scratch& s, const LaserLineOptions& options, float spe
   const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
   for (int lane = 0; lane < kBlockRows; lane += static_cast<int>(hn::Lanes(d))) {
     if (!has_rows<kMasked>(s, lane)) continue;
-    s.ahead.advance(kPassParts * hn::Lanes(d) / kBlockRows);
     LineModel m = model_of(s, lane);
     Normal n = normal_sums<kMasked, kPass>(s, lane, m, noise_of(s, lane, options, speckle));
     if constexpr (kPass == Pass::tells_speckle) {  // position, amplitude and width take up a share of the noise
@@ -530,7 +537,7 @@ HWY_INLINE void refine_block(Scratch& s, const LaserLineOptions& options) {
     const auto light_information = hn::Div(hn::Mul(hn::Mul(m.amplitude, m.amplitude), hn::Mul(m.width, set(1.7725f))),
                                            hn::MulAdd(noise.shot, m.amplitude, noise.ambient));
     good = hn::And(good, hn::And(hn::Gt(light_information, set(25.f)), hn::Gt(variance_x, hn::Zero(d))));
-    hn::Store(variance_x, d, s.variance_x + lane);
+    hn::Store(hn::Sqrt(hn::Max(variance_x, hn::Zero(d))), d, s.sigma_x + lane);
     hn::Store(hn::IfThenElseZero(good, set(1.f)), d, s.good + lane);
   }
 }
