@@ -89,7 +89,7 @@ TEST(OwnFrame, AnOffCentreCylinderIsACylinderAgain) {
 TEST(OwnFrame, ALeaningVaseUnderNoiseAndStraysIsARevolutionAgain) {
   const Eigen::Isometry3d X_SL = placed(-4, 2, 0.06);
   MemoryStream samples = standing_at(X_SL, vase, 150000, 0.02, 0.02, 2);
-  const BothFits fit = fit_both(samples, {.form_tolerance_mm = 0.003});
+  BothFits fit = fit_both(samples, {.form_tolerance_mm = 0.003});
   EXPECT_EQ(fit.here.fit.report.model, SurfaceModel::general);
   ASSERT_TRUE(fit.own);
   const RangeFunction& f = fit.own->surface.fit.function;
