@@ -27,9 +27,11 @@ json ask_simulator(const std::filesystem::path& folder, const std::string& reque
   return json::parse(answer);
 }
 
-Station::Station(const std::string& scene, const std::vector<std::string>& more, Link link) {
-  std::vector<std::string> command = {"celadon-sim", "--scene", scene,          "--seed",     "3",
-                                      "--speed",     "max",     "--socket-dir", folder.path()};
+Station::Station(const std::string& scene, const std::vector<std::string>& more, Link link, Time time)
+    : camera("sim:" + folder.path().string()) {
+  std::vector<std::string> command = {
+      "celadon-sim",  "--scene",    scene, "--seed", "3", "--speed", time == Time::real ? "real" : "max",
+      "--socket-dir", folder.path()};
   if (link == Link::modbus_rtu) {
     command.insert(command.end(), {"--modbus-tcp", "none", "--modbus-rtu", folder / "tty"});
   } else {
@@ -56,7 +58,7 @@ std::vector<std::string> Station::daemon_command() const {
           "--device",
           url,
           "--camera",
-          "sim:" + folder.path().string(),
+          camera,
           "--calibration",
           folder / "calibration.toml",
           "--store",

@@ -17,9 +17,11 @@ class Station {
  public:
   enum class Link { modbus_tcp, modbus_rtu };
 
-  /// Starts the simulator in lock-step and writes its true calibration. `more`: further words of its command line.
+  enum class Time { lock_step, real };
+
+  /// Starts the simulator and writes its true calibration. `more`: further words of its command line.
   explicit Station(const std::string& scene = "vase", const std::vector<std::string>& more = {},
-                   Link link = Link::modbus_tcp);
+                   Link link = Link::modbus_tcp, Time time = Time::lock_step);
   /// Blocks until the daemon serves. `more`: further words of its command line.
   void start_daemon(const std::vector<std::string>& more = {});
   std::vector<std::string> daemon_command() const;
@@ -27,7 +29,8 @@ class Station {
   nlohmann::json state() const { return ask_simulator(folder.path(), "state"); }
 
   TemporaryFolder folder;
-  std::string url;
+  std::string url;     ///< of the device
+  std::string camera;  ///< that daemons are given; the simulator's unless changed
   std::unique_ptr<Program> simulator, daemon;
 };
 

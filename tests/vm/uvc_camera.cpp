@@ -17,8 +17,7 @@ namespace {
 
 using Bytes = std::vector<std::uint8_t>;
 
-constexpr std::uint32_t kFrameBytes = UvcCamera::kWidth * UvcCamera::kHeight;
-constexpr std::uint32_t kPayloadBytes = kFrameBytes + 2;  // a whole frame behind a header of two bytes
+constexpr std::uint32_t kHeaderBytes = 2;  // of a payload
 constexpr std::uint32_t kPeriod_100ns = 333'333;
 constexpr int kPort = 0;  // of vhci_hcd.0, high speed
 const std::string kHub = "/sys/devices/platform/vhci_hcd.0/";
@@ -38,27 +37,6 @@ Bytes device_descriptor() {
   return {18, 1, 0, 2, 0xef, 2, 1, 64, 0x6b, 0x1d, 5, 1, 0, 1, 1, 2, 3, 1};
 }
 
-Bytes configuration() {
-  // Camera terminal 1 with auto exposure mode and exposure time; processing unit 2 without controls; output terminal 3.
-  const Bytes camera{18, 0x24, 2, 1, 1, 2, 0, 0, 0, 0, 0, 0, 0, 0, 3, 0x0a, 0, 0};
-  const Bytes processing{11, 0x24, 5, 2, 1, 0, 0, 2, 0, 0, 0};
-  const Bytes output{9, 0x24, 3, 3, 1, 1, 0, 2, 0};
-  const Bytes units = camera + processing + output;
-  const Bytes control = Bytes{13, 0x24, 1, 0, 1} + u16(13 + static_cast<std::uint32_t>(units.size())) +
-                        u32(48'000'000) + Bytes{1, 1} + units;
-  const Bytes format = Bytes{27, 0x24, 4, 1, 1} +
-                       Bytes{'Y', '8', '0', '0', 0, 0, 0x10, 0, 0x80, 0, 0, 0xaa, 0, 0x38, 0x9b, 0x71} +
-                       Bytes{8, 1, 0, 0, 0, 0};
-  const Bytes frame = Bytes{30, 0x24, 5, 1, 0} + u16(UvcCamera::kWidth) + u16(UvcCamera::kHeight) +
-                      u32(kFrameBytes * 80) + u32(kFrameBytes * 240) + u32(kFrameBytes) + u32(kPeriod_100ns) +
-                      Bytes{1} + u32(kPeriod_100ns);
-  const Bytes streaming = Bytes{14, 0x24, 1, 1} + u16(14 + static_cast<std::uint32_t>(format.size() + frame.size())) +
-                          Bytes{0x81, 0, 3, 0, 0, 0, 1, 0} + format + frame;
-  const Bytes body = Bytes{8, 0x0b, 0, 2, 0x0e, 3, 0, 0} + Bytes{9, 4, 0, 0, 0, 0x0e, 1, 0, 0} + control +
-                     Bytes{9, 4, 1, 0, 1, 0x0e, 2, 0, 0} + streaming + Bytes{7, 5, 0x81, 2, 0, 2, 0};
-  return Bytes{9, 2} + u16(9 + static_cast<std::uint32_t>(body.size())) + Bytes{2, 1, 0, 0x80, 50} + body;
-}
-
 Bytes string_descriptor(unsigned number) {
   if (number == 0) return {4, 3, 9, 4};
   static const std::array<std::string, 3> texts{"Celadon", "Test Camera", "CAM001"};
@@ -66,10 +44,6 @@ Bytes string_descriptor(unsigned number) {
   Bytes out{static_cast<std::uint8_t>(2 + 2 * text.size()), 3};
   for (const char c : text) out = out + u16(static_cast<unsigned char>(c));
   return out;
-}
-
-Bytes probe() {
-  return u16(1) + Bytes{1, 1} + u32(kPeriod_100ns) + Bytes(10) + u32(kFrameBytes) + u32(kPayloadBytes);
 }
 
 /// Waits until a condition on /dev holds; looks again whenever a node comes or goes.
@@ -92,7 +66,8 @@ constexpr const char* kNode = "/dev/video0";
 
 }  // namespace
 
-UvcCamera::UvcCamera() {
+UvcCamera::UvcCamera(int width, int height, Sensor sensor)
+    : width_(width), height_(height), sensor_(std::move(sensor)) {
   std::array<int, 2> ends{};
   if (::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) throw std::runtime_error("no sockets");
   socket_ = ends[1];
@@ -133,6 +108,31 @@ void UvcCamera::unplug() {
 UvcCamera::Exposure UvcCamera::exposure() const {
   const std::lock_guard lock(mutex_);
   return exposure_;
+}
+
+std::vector<std::uint8_t> UvcCamera::configuration() const {
+  // Camera terminal 1 with auto exposure mode and exposure time; processing unit 2 without controls; output terminal 3.
+  const Bytes camera{18, 0x24, 2, 1, 1, 2, 0, 0, 0, 0, 0, 0, 0, 0, 3, 0x0a, 0, 0};
+  const Bytes processing{11, 0x24, 5, 2, 1, 0, 0, 2, 0, 0, 0};
+  const Bytes output{9, 0x24, 3, 3, 1, 1, 0, 2, 0};
+  const Bytes units = camera + processing + output;
+  const Bytes control = Bytes{13, 0x24, 1, 0, 1} + u16(13 + static_cast<std::uint32_t>(units.size())) +
+                        u32(48'000'000) + Bytes{1, 1} + units;
+  const Bytes format = Bytes{27, 0x24, 4, 1, 1} +
+                       Bytes{'Y', '8', '0', '0', 0, 0, 0x10, 0, 0x80, 0, 0, 0xaa, 0, 0x38, 0x9b, 0x71} +
+                       Bytes{8, 1, 0, 0, 0, 0};
+  const Bytes frame = Bytes{30, 0x24, 5, 1, 0} + u16(static_cast<std::uint32_t>(width_)) +
+                      u16(static_cast<std::uint32_t>(height_)) + u32(frame_bytes() * 80) + u32(frame_bytes() * 240) +
+                      u32(frame_bytes()) + u32(kPeriod_100ns) + Bytes{1} + u32(kPeriod_100ns);
+  const Bytes streaming = Bytes{14, 0x24, 1, 1} + u16(14 + static_cast<std::uint32_t>(format.size() + frame.size())) +
+                          Bytes{0x81, 0, 3, 0, 0, 0, 1, 0} + format + frame;
+  const Bytes body = Bytes{8, 0x0b, 0, 2, 0x0e, 3, 0, 0} + Bytes{9, 4, 0, 0, 0, 0x0e, 1, 0, 0} + control +
+                     Bytes{9, 4, 1, 0, 1, 0x0e, 2, 0, 0} + streaming + Bytes{7, 5, 0x81, 2, 0, 2, 0};
+  return Bytes{9, 2} + u16(9 + static_cast<std::uint32_t>(body.size())) + Bytes{2, 1, 0, 0x80, 50} + body;
+}
+
+std::vector<std::uint8_t> UvcCamera::probe() const {
+  return u16(1) + Bytes{1, 1} + u32(kPeriod_100ns) + Bytes(10) + u32(frame_bytes()) + u32(frame_bytes() + kHeaderBytes);
 }
 
 bool UvcCamera::receive(void* bytes, std::size_t count) const {
@@ -265,29 +265,34 @@ void UvcCamera::serve() {
   }
 }
 
-// Frame after frame, as fast as the driver asks.
+bool UvcCamera::send_payload(std::span<const std::uint8_t> payload) {
+  for (std::size_t at = 0; at < payload.size();) {
+    std::unique_lock lock(mutex_);
+    wake_.wait(lock, [&] { return ended_ || !waiting_.empty(); });
+    if (ended_) return false;
+    const Request request = waiting_.front();
+    waiting_.pop_front();
+    const std::size_t count = std::min<std::size_t>(request.length, payload.size() - at);
+    reply(request.number, 0, payload.subspan(at, count), static_cast<std::uint32_t>(count));
+    at += count;
+  }
+  return true;
+}
+
+// Frame after frame, as fast as the driver asks. A payload without pixels goes ahead: the driver notes the time of a
+// frame at its first payload.
 void UvcCamera::stream() {
-  std::uint8_t first = 0, toggle = 0;
-  Bytes payload(kPayloadBytes);
+  constexpr std::uint8_t kEndOfFrame = 2;
+  std::uint8_t toggle = 0;
+  Bytes payload(kHeaderBytes + frame_bytes());
+  payload[0] = kHeaderBytes;
   while (true) {
-    constexpr std::uint8_t kHeaderBytes = 2, kEndOfFrame = 2;
-    payload[0] = kHeaderBytes;
+    payload[1] = toggle;
+    if (!send_payload(std::span(payload).first(kHeaderBytes))) return;
+    sensor_(exposure(), std::span(payload).subspan(kHeaderBytes));
     payload[1] = static_cast<std::uint8_t>(kEndOfFrame | toggle);
-    for (int y = 0; y < kHeight; ++y) {
-      for (int x = 0; x < kWidth; ++x) payload[static_cast<std::size_t>(2 + y * kWidth + x)] = pixel(first, x, y);
-    }
-    for (std::size_t at = 0; at < payload.size();) {
-      std::unique_lock lock(mutex_);
-      wake_.wait(lock, [&] { return ended_ || !waiting_.empty(); });
-      if (ended_) return;
-      const Request request = waiting_.front();
-      waiting_.pop_front();
-      const std::size_t count = std::min<std::size_t>(request.length, payload.size() - at);
-      reply(request.number, 0, std::span(payload).subspan(at, count), static_cast<std::uint32_t>(count));
-      at += count;
-    }
+    if (!send_payload(payload)) return;
     toggle ^= 1;
-    ++first;
   }
 }
 

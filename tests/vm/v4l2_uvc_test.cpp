@@ -14,6 +14,23 @@ namespace {
 using Exposure = UvcCamera::Exposure;
 constexpr std::int64_t kPatience = 60'000'000'000;  // emulation is slow, and no test measures time
 
+constexpr int kWidth = 320, kHeight = 240;
+
+/// Byte of a pixel in the frame that begins with `first`.
+std::uint8_t pixel(std::uint8_t first, int x, int y) {
+  return static_cast<std::uint8_t>(first + 3 * x + 5 * y);
+}
+
+/// Sees another pattern in every frame.
+UvcCamera::Sensor pattern() {
+  return [first = std::uint8_t{0}](const Exposure&, std::span<std::uint8_t> pixels) mutable {
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) pixels[static_cast<std::size_t>(y * kWidth + x)] = pixel(first, x, y);
+    }
+    ++first;
+  };
+}
+
 std::unique_ptr<FrameSource> opened(const UvcCamera& camera) {
   auto source = open_frame_source("v4l2:" + camera.node());
   EXPECT_TRUE(source) << source.error().message;
@@ -21,7 +38,7 @@ std::unique_ptr<FrameSource> opened(const UvcCamera& camera) {
 }
 
 TEST(V4l2Uvc, exposure_reaches_the_camera_and_is_put_back) {
-  const UvcCamera camera;
+  const UvcCamera camera(kWidth, kHeight, pattern());
   const Exposure found = camera.exposure();
   auto source = opened(camera);
   ASSERT_TRUE(source);
@@ -38,13 +55,13 @@ TEST(V4l2Uvc, exposure_reaches_the_camera_and_is_put_back) {
 }
 
 TEST(V4l2Uvc, frames_come_whole_and_exposure_is_put_back_after_streaming) {
-  const UvcCamera camera;
+  const UvcCamera camera(kWidth, kHeight, pattern());
   const Exposure found = camera.exposure();
   auto source = opened(camera);
   ASSERT_TRUE(source);
   EXPECT_EQ(source->mode().format, PixelFormat::grey8);
-  EXPECT_EQ(source->mode().width_px, UvcCamera::kWidth);
-  EXPECT_EQ(source->mode().height_px, UvcCamera::kHeight);
+  EXPECT_EQ(source->mode().width_px, kWidth);
+  EXPECT_EQ(source->mode().height_px, kHeight);
   ASSERT_TRUE(source->set_exposure(7'000'000));
   ASSERT_TRUE(source->start());
   std::int64_t last_stamp_ns = 0;
@@ -56,10 +73,10 @@ TEST(V4l2Uvc, frames_come_whole_and_exposure_is_put_back_after_streaming) {
     EXPECT_GT(frame->info.stamp_ns, last_stamp_ns);
     last_stamp_ns = frame->info.stamp_ns;
     int wrong = 0;
-    for (int y = 0; y < UvcCamera::kHeight; ++y) {
-      for (int x = 0; x < UvcCamera::kWidth; ++x) {
-        const std::uint8_t seen = frame->bytes()[static_cast<std::size_t>(y * UvcCamera::kWidth + x)];
-        wrong += seen != UvcCamera::pixel(frame->bytes()[0], x, y);
+    for (int y = 0; y < kHeight; ++y) {
+      for (int x = 0; x < kWidth; ++x) {
+        const std::uint8_t seen = frame->bytes()[static_cast<std::size_t>(y * kWidth + x)];
+        wrong += seen != pixel(frame->bytes()[0], x, y);
       }
     }
     EXPECT_EQ(wrong, 0) << "frame " << i;
@@ -69,7 +86,7 @@ TEST(V4l2Uvc, frames_come_whole_and_exposure_is_put_back_after_streaming) {
 }
 
 TEST(V4l2Uvc, a_camera_that_is_unplugged_while_streaming_is_told) {
-  UvcCamera camera;
+  UvcCamera camera(kWidth, kHeight, pattern());
   auto source = opened(camera);
   ASSERT_TRUE(source);
   ASSERT_TRUE(source->set_exposure(5'000'000));
