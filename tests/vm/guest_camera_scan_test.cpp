@@ -9,6 +9,8 @@
 #include <numbers>
 #include <regex>
 #include <sstream>
+#include <string>
+#include <vector>
 
 #include "acquisition/frame.h"
 #include "acquisition/monotonic_clock.h"
@@ -70,20 +72,23 @@ struct Errors {
   int points = 0;
 };
 
-/// Radius of the scanned surface less that of the scene, over the surface's whole band.
+/// Distance from the axis of the scanned surface's points less that of the scene's, over the surface's whole band.
 Errors errors_of(const std::string& surface, const Station& station) {
   const auto csv = run({"celadon", "evaluate", surface, "--angles", "0:15:345"});
   EXPECT_EQ(csv.exit_code, 0) << csv.err;
   std::istringstream lines(csv.out);
-  std::string line;
-  std::getline(lines, line);  // names of the columns
+  std::string line, name;
+  std::getline(lines, line);
+  int x_column = 0;
+  for (std::istringstream names(line); std::getline(names, name, ',') && name != "x_mm";) ++x_column;
   Errors e;
   while (std::getline(lines, line)) {
-    double angle_deg = 0, z_mm = 0, r_mm = 0;
-    if (std::sscanf(line.c_str(), "%lf,%lf,%lf", &angle_deg, &z_mm, &r_mm) != 3) continue;
+    std::vector<double> values;
+    for (std::istringstream fields(line); std::getline(fields, name, ',');) values.push_back(std::stod(name));
+    const double* const p = values.data() + x_column;
     char request[96];
-    std::snprintf(request, sizeof request, "truth %.17g %.17g", angle_deg * std::numbers::pi / 180, z_mm);
-    const double error = r_mm - ask_simulator(station.folder.path(), request)["r_mm"].get<double>();
+    std::snprintf(request, sizeof request, "truth %.17g %.17g", std::atan2(p[1], p[0]), p[2]);
+    const double error = std::hypot(p[0], p[1]) - ask_simulator(station.folder.path(), request)["r_mm"].get<double>();
     e.rms_mm += error * error;
     e.max_mm = std::max(e.max_mm, std::abs(error));
     ++e.points;
