@@ -15,6 +15,7 @@ constexpr double kResolution = 2e-8;
 constexpr double kSamplesPerUnknown = 3, kSamplesPerNoiseUnknown = 10;
 // The same of profiles, which share an angle and errors, and unknowns around.
 constexpr double kProfilesPerUnknown = 1.5, kProfilesPerNoiseUnknown = 3;
+constexpr double kUnmistakable = 0.25;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr LadderLevels kSteps[] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
 
@@ -153,19 +154,24 @@ LadderSearch::Candidate LadderSearch::best_for_white_noise() {
   const double n = static_cast<double>(sums_.samples()), least = floor();
   Candidate best{coarsest(), {}};
   double best_score = kInfinity;
-  for (const bool around : {false, true})
-    for (const bool along : {false, true}) {
-      const Variation variation{along, around};
-      const Cost score = [&](LadderLevels at) {
-        const Member& m = member(at, variation);
-        const double left = n - m.parameters;
-        return m.determined && left > 0 ? std::max(m.residual_square, least) / (left * left) : kInfinity;
-      };
-      const auto levels = descend(variation, {kSamplesPerNoiseUnknown, kProfilesPerNoiseUnknown}, score, {});
-      if (!levels || !(score(*levels) < best_score)) continue;
-      best = {*levels, variation};
-      best_score = score(*levels);
-    }
+  const auto search = [&](Share share, double better) {
+    for (const bool around : {false, true})
+      for (const bool along : {false, true}) {
+        const Variation variation{along, around};
+        const Cost score = [&](LadderLevels at) {
+          const Member& m = member(at, variation);
+          const double left = n - m.parameters;
+          return m.determined && left > 0 ? std::max(m.residual_square, least) / (left * left) : kInfinity;
+        };
+        const auto levels = descend(variation, share, score, {});
+        if (!levels || !(score(*levels) < better * best_score)) continue;
+        best = {*levels, variation};
+        best_score = score(*levels);
+      }
+  };
+  search({kSamplesPerNoiseUnknown, kProfilesPerNoiseUnknown}, 1);
+  // Few profiles of an object with many lobes: what falls so far with a few unknowns more was no error of the profiles.
+  search({kSamplesPerNoiseUnknown, kProfilesPerUnknown}, kUnmistakable);
   return best;
 }
 
