@@ -20,6 +20,8 @@ namespace {
 constexpr double kStep = 0.03, kSmallestStep = 1e-4;
 constexpr double kFew = 0.1;          // share of the usual samples under a function below which it counts as without
 constexpr double kResolution = 1e-8;  // of the range, of residuals
+// What solve_member's steps back towards least squares leave of the weight, nearly.
+constexpr double kBridging = kVanishingWeight / 4;
 constexpr double kRidge = 1e-12;
 constexpr int kMostActive = 6;
 
@@ -64,22 +66,18 @@ StencilMatrix matrix_of(const NormalEquations& equations, const BendingEnergy& e
 }
 
 // tau: where there are samples, what Mallows' Cp has weighed against them, kappa sigma^2/mu; where there are none, the
-// surface's own, which has the object's coarse bends in it too.
-Eigen::MatrixXd roughness(const LadderFit& member, double smoothing, double noise) {
-  const NormalEquations& equations = *member.equations;
-  const BendingEnergy energy = bending_energy(equations);
-  const StencilMatrix &a = equations.matrix(), e = matrix_of(equations, energy);
-  const double mu = energy_factor(equations, energy, smoothing);
-  const auto x = equations.to_field(member.free);
+// surface's own, which has the object's coarse bends in it too. `weighed`: of Cp, 0 if it has not smoothed.
+Eigen::MatrixXd roughness(const NormalEquations& equations, const Eigen::MatrixXd& free, double weighed) {
+  const StencilMatrix &a = equations.matrix(), e = matrix_of(equations, bending_energy(equations));
+  const auto x = equations.to_field(free);
   AlignedVector<double> bent(x.size());
   e.multiply(x.data(), bent.data());
-  double own = 0;
+  double own = 0, usual = 0;  // of the surface; on the diagonal of A
   for (std::size_t k = 0; k < x.size(); ++k) own += x[k] * bent[k] / a.size();
-  const double weighed = member.smoothing > 0 && mu > 0 ? noise / mu : own;
-  const double more = equations.empty_cells() > 0 ? std::max(0.0, own - weighed) : 0;
-  double usual = 0;  // on the diagonal of A
   for (int j = 0; j < a.count_v(); ++j)
     for (int i = 0; i < a.count_u(); ++i) usual += a.diagonal(i, j) / a.size();
+  if (weighed == 0) weighed = own;
+  const double more = equations.empty_cells() > 0 ? std::max(0.0, own - weighed) : 0;
   Eigen::MatrixXd tau(a.count_u(), a.count_v());
   for (int j = 0; j < a.count_v(); ++j)
     for (int i = 0; i < a.count_u(); ++i) {
@@ -110,24 +108,39 @@ struct ActiveValues {
 
 }  // namespace
 
-ErrorSources error_sources(const MemberSamples& samples, LadderFit member) {
+ErrorSources even_error_sources(const NormalEquations& equations, const Eigen::MatrixXd& free, double noise_variance,
+                                const Inflation& inflation) {
   ErrorSources sources;
-  const NormalEquations& equations = *member.equations;
-  const StencilMatrix& matrix = equations.matrix();
+  sources.equations = std::shared_ptr<const NormalEquations>(std::shared_ptr<const void>(), &equations);
   // No better than what sums resolve.
   const double resolved = kResolution * equations.mean_range();
-  sources.noise_variance = std::max(samples.noise_variance, resolved * resolved);
-  const double mean_inflation = samples.inflation.mean(member.parameters, matrix.count_v());
-  sources.inflation = samples.inflation;
-  sources.smoothing = member.smoothing > 0 ? member.smoothing : equations.empty_cells() > 0 ? kVanishingWeight : 0;
-  if (sources.smoothing > 0)
-    sources.roughness = roughness(member, sources.smoothing, mean_inflation * sources.noise_variance);
+  sources.noise_variance = sources.largest_variance = std::max(noise_variance, resolved * resolved);
+  sources.noise = equations.matrix();
+  sources.noise.scale(sources.noise_variance);
+  sources.inflation = inflation;
+  sources.knot_bias = Eigen::MatrixXd::Zero(free.rows(), free.cols());
+  if (equations.empty_cells() > 0) {
+    sources.smoothing = kBridging;
+    sources.roughness = roughness(equations, free, 0);
+  }
+  return sources;
+}
+
+ErrorSources error_sources(const MemberSamples& samples, LadderFit member) {
+  const NormalEquations& equations = *member.equations;
+  ErrorSources sources = even_error_sources(equations, member.free, samples.noise_variance, samples.inflation);
+  const double variance = sources.noise_variance,
+               inflation = samples.inflation.mean(member.parameters, equations.matrix().count_v());
+  if (member.smoothing > 0) {
+    sources.smoothing = member.smoothing;
+    const double mu = energy_factor(equations, bending_energy(equations), member.smoothing);
+    sources.roughness = roughness(equations, member.free, mu > 0 ? inflation * variance / mu : 0);
+  }
   const CellResiduals residuals = cell_residuals(samples.sums, equations, member.free);
-  LocalNoise noise{sources.noise_variance, Eigen::MatrixXd::Ones(residuals.square.rows(), residuals.square.cols()),
+  LocalNoise noise{variance, Eigen::MatrixXd::Ones(residuals.square.rows(), residuals.square.cols()),
                    samples.inflation};
-  sources.noise = matrix;
   if (!samples.stated) {
-    noise.ratios = variance_ratios(residuals, mean_inflation * member.parameters, equations.mean_range());
+    noise.ratios = variance_ratios(residuals, inflation * member.parameters, equations.mean_range());
     const MomentCells cells = residuals.moments.cells();
     AlignedVector<double> scaled(cells.sums, cells.cell(0, cells.count_v()));
     const auto stride = static_cast<std::size_t>(cells.layout.stride());
@@ -135,9 +148,9 @@ ErrorSources error_sources(const MemberSamples& samples, LadderFit member) {
     sources.noise =
         NormalEquations(samples.sums, {cells.layout, cells.edges_z, cells.edges_v, scaled.data()}, equations.space())
             .matrix();
+    sources.noise.scale(variance);
+    sources.largest_variance = noise.ratios.maxCoeff() * variance;
   }
-  sources.noise.scale(sources.noise_variance);
-  sources.largest_variance = noise.ratios.maxCoeff() * sources.noise_variance;
   sources.knot_bias = knot_bias(samples.ladder, samples.sums, member, noise, samples.profiles);
   sources.equations = std::move(member.equations);
   return sources;

@@ -28,6 +28,11 @@ struct ErrorSources {
   Eigen::MatrixXd knot_bias;    ///< what the knots cannot follow, near each coefficient (mm)
 };
 
+/// Of coefficients that least squares give, bridged with kVanishingWeight where cells are empty: noise alike everywhere,
+/// and knots that follow. @pre the equations outlive the result
+ErrorSources even_error_sources(const NormalEquations& equations, const Eigen::MatrixXd& free, double noise_variance,
+                                const Inflation& inflation);
+
 /// The samples of a member.
 struct MemberSamples {
   const MomentGrid& sums;

@@ -8,7 +8,6 @@ namespace celadon {
 namespace {
 
 constexpr int kReach = 2;  // intervals of a window on both sides
-constexpr double kSamplesPerUnknown = 3, kProfilesPerUnknown = 1.5;
 
 Variation variation_of(const LadderFit& member) {
   const FitSpace& space = member.equations->space();

@@ -12,13 +12,12 @@ namespace {
 
 // Sums resolve residuals of this size relative to the range.
 constexpr double kResolution = 2e-8;
-// With fewer samples an unknown, Cp itself is too uncertain to choose by; and a noise estimate too low.
-constexpr double kSamplesPerUnknown = 3, kSamplesPerNoiseUnknown = 10;
-// The same of profiles, which share an angle and errors, and unknowns around.
-constexpr double kProfilesPerUnknown = 1.5, kProfilesPerNoiseUnknown = 3;
+// With fewer samples an unknown a noise estimate is too low; the same of profiles, which share an angle and errors.
+constexpr double kSamplesPerNoiseUnknown = 10, kProfilesPerNoiseUnknown = 3;
 // Weights of the energy that fairing may take, and bisections of the last decade.
 constexpr double kLeastFairing = 1e-10, kMostFairing = 1e8;
 constexpr int kFairingSteps = 7;
+constexpr double kUnmistakable = 0.25;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr LadderLevels kSteps[] = {{1, 0}, {0, 1}, {-1, 0}, {0, -1}};
 
@@ -66,7 +65,7 @@ struct Move {
 };
 Move move_between(const RangeFunction& a, const RangeFunction& b) {
   constexpr Eigen::Index kPlaces = 4;
-  constexpr double kMost = 0.95;
+  constexpr double kMovedShare = 0.95;
   const RangeFunction change(a.base(), a.degree_u(), a.degree_v(), a.knots_u(), a.knots_v(),
                              a.coefficients() - b.coefficients());
   const BaseSurface& base = a.base();
@@ -82,7 +81,7 @@ Move move_between(const RangeFunction& a, const RangeFunction& b) {
     change.evaluate(theta.data(), along.data(), theta.size(), value.data());
     for (const double v : value) all.push_back(std::abs(v));
   }
-  const auto most = all.begin() + static_cast<std::ptrdiff_t>(kMost * static_cast<double>(all.size() - 1));
+  const auto most = all.begin() + static_cast<std::ptrdiff_t>(kMovedShare * static_cast<double>(all.size() - 1));
   std::nth_element(all.begin(), most, all.end());
   return {*most, *std::max_element(most, all.end())};
 }
@@ -219,19 +218,24 @@ LadderSearch::Candidate LadderSearch::best_for_white_noise() {
   const double n = static_cast<double>(sums_.samples()), least = floor();
   Candidate best{coarsest(), {}};
   double best_score = kInfinity;
-  for (const bool around : {false, true})
-    for (const bool along : {false, true}) {
-      const Variation variation{along, around};
-      const Cost score = [&](LadderLevels at) {
-        const Member& m = member(at, variation);
-        const double left = n - m.parameters;
-        return m.determined && left > 0 ? std::max(m.residual_square, least) / (left * left) : kInfinity;
-      };
-      const auto levels = descend(variation, {kSamplesPerNoiseUnknown, kProfilesPerNoiseUnknown}, score, {});
-      if (!levels || !(score(*levels) < best_score)) continue;
-      best = {*levels, variation};
-      best_score = score(*levels);
-    }
+  const auto search = [&](Share share, double better) {
+    for (const bool around : {false, true})
+      for (const bool along : {false, true}) {
+        const Variation variation{along, around};
+        const Cost score = [&](LadderLevels at) {
+          const Member& m = member(at, variation);
+          const double left = n - m.parameters;
+          return m.determined && left > 0 ? std::max(m.residual_square, least) / (left * left) : kInfinity;
+        };
+        const auto levels = descend(variation, share, score, {});
+        if (!levels || !(score(*levels) < better * best_score)) continue;
+        best = {*levels, variation};
+        best_score = score(*levels);
+      }
+  };
+  search({kSamplesPerNoiseUnknown, kProfilesPerNoiseUnknown}, 1);
+  // Few profiles of an object with many lobes: what falls so far with a few unknowns more was no error of the profiles.
+  search({kSamplesPerNoiseUnknown, kProfilesPerUnknown}, kUnmistakable);
   return best;
 }
 

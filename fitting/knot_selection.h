@@ -20,6 +20,10 @@ namespace celadon {
 /// stiffly, where functions that hardly any samples support shall not decide.
 inline constexpr double kVanishingWeight = 1e-5, kStiffWeight = 1e-3;
 
+/// With fewer samples an unknown, Cp itself is too uncertain to choose by; the same of profiles, which share an angle
+/// and errors, and unknowns around.
+inline constexpr double kSamplesPerUnknown = 3, kProfilesPerUnknown = 1.5;
+
 /// Levels of both directions.
 struct LadderLevels {
   int u = 0, v = 0;

@@ -6,6 +6,9 @@
 #include <cmath>
 #include <cstdio>
 #include <optional>
+#include <vector>
+
+#include "fitting/coefficient_covariance.h"
 
 namespace celadon {
 namespace {
@@ -19,8 +22,12 @@ struct Evidence {
   bool accepted() const { return mean_square_ok() && largest_ok(); }
 };
 
+constexpr int kMostExact = 6000;   // unknowns up to which the inverse's entries are worth their time
+constexpr double kUnseen = 1e300;  // where there are no samples nothing contradicts
+
 // Two parameters an interval inside the band, with the values of its active functions there.
 struct SamplePoints {
+  std::vector<double> places;
   Eigen::MatrixXd values;    // points x free functions
   Eigen::VectorXd leverage;  // b' A^-1 b
 };
@@ -47,6 +54,9 @@ SamplePoints sample_points(const RangeSpace& space, const Eigen::MatrixXd& a) {
   for (int k = 0; k < space.intervals(); ++k)
     for (int side = 0; side < 2; ++side) {
       const double s = side ? 0.5 : -0.5;
+      const double lo = space.breaks()[static_cast<std::size_t>(k)],
+                   hi = space.breaks()[static_cast<std::size_t>(k) + 1];
+      points.places.push_back((lo + hi) / 2 + s * (hi - lo) / 2);
       const auto active = space.active(k);
       for (std::size_t c = 0; c < active.size(); ++c) {
         const auto polynomial = space.polynomial(k, static_cast<int>(c));
@@ -64,8 +74,7 @@ SamplePoints sample_points(const RangeSpace& space, const Eigen::MatrixXd& a) {
   return points;
 }
 
-// How far a difference of two fits may go by chance, point by point: the same for all models. The samples of a fit lie
-// in both directions as their marginals say, A = Au x Av / N.
+// How far a difference of two fits may go by chance, point by point: the same for all models.
 class Deviations {
  public:
   Deviations(const FitLadder& ladder, const ReferenceFit& reference) {
@@ -74,7 +83,9 @@ class Deviations {
                           av = marginal(ladder, reference.levels, {false, true});
     u_ = sample_points(equations.space().u, au);
     v_ = sample_points(equations.space().v, av);
-    // Where the samples are fewer than the marginals say: S^-1 A S^-1 with S from the diagonal.
+    if (equations.empty_cells() > 0 && equations.matrix().size() <= kMostExact && around_holes(reference)) return;
+    // The samples of a fit lie in both directions as their marginals say, A = Au x Av / N; where they are fewer, S^-1 A
+    // S^-1 with S from the diagonal.
     const double n = equations.weight();
     Eigen::MatrixXd scale(au.rows(), av.rows());
     for (Eigen::Index j = 0; j < av.rows(); ++j)
@@ -100,6 +111,22 @@ class Deviations {
   }
 
  private:
+  // Beside holes a function may have all its samples in a corner: no product says what that leaves open.
+  bool around_holes(const ReferenceFit& reference) {
+    const auto covariance = CoefficientCovariance::of(
+        even_error_sources(reference.equations, reference.free, reference.noise_variance, reference.inflation));
+    if (!covariance) return false;
+    sd_.resize(u_.values.rows(), v_.values.rows());
+    for (Eigen::Index j = 0; j < sd_.cols(); ++j)
+      for (Eigen::Index i = 0; i < sd_.rows(); ++i) {
+        if (reference.equations.empty(static_cast<int>(i) / 2, static_cast<int>(j) / 2)) {
+          sd_(i, j) = kUnseen;
+          continue;
+        }
+        sd_(i, j) = covariance->sd_mm(v_.places[static_cast<std::size_t>(j)], u_.places[static_cast<std::size_t>(i)]);
+      }
+    return true;
+  }
   SamplePoints u_, v_;
   Eigen::MatrixXd sd_;
 };

@@ -107,7 +107,7 @@ void NormalEquations::assemble(const MomentGrid& sums, const MomentCells& cells)
     for (int I = 0; I < space_.u.intervals(); ++I) {
       const double* moments = merged.data() + static_cast<std::size_t>(I) * stride;
       if (moments[0] == 0) {
-        ++empty_cells_;
+        empty_.insert({I, J});
         continue;
       }
       assembly_kernels::add_entries(moments, from, p, q, products_u[static_cast<std::size_t>(I)], products_v,

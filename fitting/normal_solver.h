@@ -5,6 +5,8 @@
 #include <Eigen/Core>
 #include <memory>
 #include <optional>
+#include <set>
+#include <utility>
 #include <vector>
 
 #include "fitting/bending_energy.h"
@@ -47,7 +49,8 @@ class NormalEquations {
   double weighted_square() const { return square_; }
   double mean_range() const { return weight_ > 0 ? range_ / weight_ : 0; }
   /// Intervals of the spaces' own grid without any sample, and how many unknowns have samples under them.
-  int empty_cells() const { return empty_cells_; }
+  int empty_cells() const { return static_cast<int>(empty_.size()); }
+  bool empty(int interval_u, int interval_v) const { return empty_.contains({interval_u, interval_v}); }
   int supported_unknowns() const;
 
   /// Residual sum of squares of a coefficient matrix (free, n_u x n_v). Resolves an RMS of about 1e-8 of the range.
@@ -69,7 +72,7 @@ class NormalEquations {
   StencilMatrix matrix_;
   AlignedVector<double> rhs_;
   double weight_ = 0, range_ = 0, square_ = 0;
-  int empty_cells_ = 0;
+  std::set<std::pair<int, int>> empty_;  // intervals along u and around
 };
 
 /// The pairs (Gram matrix, energy of second derivatives) of both directions, diagonalised: the same for every weight of
