@@ -19,7 +19,7 @@ inline constexpr int kRowCells = kMaximumWidthPx / 4 + 2 * kPaddingCells;
 inline constexpr int kWindowPx = 64;   ///< pixels cut out about the coarse peak
 inline constexpr int kBlockRows = 16;  ///< rows of the image worked on together, one per SIMD lane
 
-inline constexpr int kRowsInWork = 4;  ///< rows that the coarse search works on at once, each at another step
+inline constexpr int kRowsInWork = 5;  ///< rows that the coarse search works on at once, each at another step
 
 /// What a row's window holds: no line; a line of which every pixel can be used; one with saturated pixels or at the
 /// border.

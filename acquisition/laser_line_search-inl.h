@@ -199,26 +199,33 @@ HWY_INLINE void pad_cells(std::uint8_t* cells, int cell_count) {
   const int lanes = static_cast<int>(hn::Lanes(d));
   hn::StoreU(hn::Set(d, cells[0]), d, cells - lanes);
   const auto last = hn::Set(d, cells[cell_count - 1]);
-  hn::StoreU(last, d, cells + cell_count);
-  hn::StoreU(last, d, cells + cell_count + lanes);
+  for (int i = 0; i < 3; ++i) hn::StoreU(last, d, cells + cell_count + i * lanes);
+}
+
+HWY_INLINE V8 mean_of_8_px(const std::uint8_t* cell) {
+  const D8 d;
+  return hn::AverageRound(hn::LoadU(d, cell), hn::LoadU(d, cell + 1));
 }
 
 /// Mean of 8 pixels less the larger of those 12 to the left and to the right: a line stands out, an edge or a gradient
-/// does not. Returns the largest of each lane.
+/// does not.
+HWY_INLINE V8 scores_of(const std::uint8_t* cell) {
+  return hn::SaturatedSub(mean_of_8_px(cell), hn::Max(mean_of_8_px(cell - 3), mean_of_8_px(cell + 3)));
+}
+
+/// Scores all cells; returns the largest of each lane.
 /// @pre padded cells; scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
 HWY_INLINE V8 score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores) {
   const D8 d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  const auto mean_of_8_px = [&](int i) {
-    return hn::AverageRound(hn::LoadU(d, cells + i), hn::LoadU(d, cells + i + 1));
-  };
   const auto zero = hn::Zero(d);
   auto highest = zero;
   int i = 0;
-  for (; i < cell_count; i += lanes) {
-    const auto score = hn::SaturatedSub(mean_of_8_px(i), hn::Max(mean_of_8_px(i - 3), mean_of_8_px(i + 3)));
-    hn::Store(score, d, scores + i);
-    highest = hn::Max(highest, score);
+  for (; i < cell_count; i += 2 * lanes) {  // scores beyond the last cell are zero
+    const auto even = scores_of(cells + i), odd = scores_of(cells + i + lanes);
+    hn::Store(even, d, scores + i);
+    hn::Store(odd, d, scores + i + lanes);
+    highest = hn::Max(highest, hn::Max(even, odd));
   }
   hn::Store(zero, d, scores - lanes);
   hn::Store(zero, d, scores + i);
@@ -241,7 +248,7 @@ HWY_INLINE Vertex vertex_at(const std::uint8_t* scores, int cell) {
 
 struct CoarsePeak {
   RowStatus status = RowStatus::no_line;
-  int center_px = 0;  ///< of status found, even
+  int center_px = kWindowPx / 2;  ///< of status found, even
 };
 
 inline constexpr int kBlankCells = 6;  ///< on each side of a peak
@@ -273,10 +280,11 @@ HWY_INLINE ScoreTotals totals_of(const std::uint8_t* scores, int cell_count) {
   const hn::Repartition<std::uint64_t, D8> d64;
   auto highest = hn::Zero(d);
   auto sum = hn::Zero(d64);
-  for (int i = 0; i < cell_count; i += static_cast<int>(hn::Lanes(d))) {
-    const auto score = hn::Load(d, scores + i);
-    highest = hn::Max(highest, score);
-    sum = hn::Add(sum, hn::SumsOf8(score));
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  for (int i = 0; i < cell_count; i += 2 * lanes) {
+    const auto even = hn::Load(d, scores + i), odd = hn::Load(d, scores + i + lanes);
+    highest = hn::Max(highest, hn::Max(even, odd));
+    sum = hn::Add(sum, hn::Add(hn::SumsOf8(even), hn::SumsOf8(odd)));
   }
   return {largest(highest), static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, sum)))};
 }
@@ -304,7 +312,7 @@ HWY_INLINE CoarsePeak judge(const TopScore& top, const std::uint8_t* scores, int
   // A vertex is at most an eighth of its score higher than the score.
   if (static_cast<float>(left.highest) * 1.125f > share * static_cast<float>(top.vertex.score)) {
     const Vertex second = vertex_at(scores, first_cell_of(scores, cell_count, left.highest));
-    if (second.height() > share * top.vertex.height()) return {RowStatus::ambiguous, 0};
+    if (second.height() > share * top.vertex.height()) return {.status = RowStatus::ambiguous};
   }
   const int blanked = HWY_MIN(top.cell + kBlankCells, cell_count - 1) - HWY_MAX(top.cell - kBlankCells, 0) + 1;
   if (top.vertex.score * (cell_count - blanked) < kNoiseFactor * left.sum) return {};

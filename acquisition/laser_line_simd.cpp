@@ -28,40 +28,34 @@ HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
   row.status = window.saturated ? RowStatus::saturated : RowStatus::found;
 }
 
-/// Asks for rows some time before they are worked on, a part at a time: a core waits for few lines of memory at once.
+/// Asks for a row some time before it is worked on, a part at a time: a core waits for few lines of memory at once.
 /// Inlined always: g++ takes a function that only asks for memory for one without effects, and leaves out its calls.
-class RowRequests {
+class RowRequest {
  public:
-  RowRequests(const std::uint8_t* frame, std::size_t stride_bytes, std::size_t row_bytes, int row_count)
-      : frame_(frame),
-        stride_(stride_bytes),
-        row_bytes_(row_bytes),
-        part_bytes_((row_bytes / kLineBytes + kParts - 1) / kParts * kLineBytes),
-        last_row_(row_count - 1) {}
-
-  /// Processors drop a request in a page whose address they do not know: has those of a later row looked up.
-  HWY_INLINE void look_up_pages(int row) const {
-    const std::uint8_t* bytes = ahead_of(row, kRowsOfPages);
-    for (std::size_t i = 0; i < row_bytes_; i += kPageBytes) hwy::Prefetch(bytes + i);
+  /// The row that is asked for when `row` is in work. Processors drop a request in a page whose address they do not
+  /// know: has those of a later row looked up.
+  HWY_INLINE RowRequest(const std::uint8_t* frame, std::size_t stride_bytes, std::size_t row_bytes, int row,
+                        int row_count)
+      : part_bytes_((row_bytes / kLineBytes + kParts - 1) / kParts * kLineBytes) {
+    const auto ahead = [&](int rows) {
+      return static_cast<std::size_t>(std::min(row + rows, row_count - 1)) * stride_bytes;
+    };
+    for (std::size_t i = 0; i < row_bytes; i += kPageBytes) hwy::Prefetch(frame + ahead(kRowsOfPages) + i);
+    bytes_ = frame + ahead(kRowsAsked);
   }
 
-  HWY_INLINE void ask_for_part(int row, std::size_t part) const {
+  HWY_INLINE void ask_for_part(std::size_t part) const {
     constexpr int kSecondLevel = 2;  // of the cache: the first is full of rows in work
-    const std::uint8_t* bytes = ahead_of(row, kRowsAsked) + part * part_bytes_;
-    for (std::size_t i = 0; i < part_bytes_; i += kLineBytes) __builtin_prefetch(bytes + i, 0, kSecondLevel);
+    for (std::size_t i = 0; i < part_bytes_; i += kLineBytes) {
+      __builtin_prefetch(bytes_ + part * part_bytes_ + i, 0, kSecondLevel);
+    }
   }
 
  private:
   static constexpr std::size_t kParts = kRowsInWork, kLineBytes = 64, kPageBytes = 4096;
   static constexpr int kRowsAsked = 5, kRowsOfPages = 9;
-
-  HWY_INLINE const std::uint8_t* ahead_of(int row, int rows) const {
-    return frame_ + static_cast<std::size_t>(std::min(row + rows, last_row_)) * stride_;
-  }
-
-  const std::uint8_t* frame_;
-  std::size_t stride_, row_bytes_, part_bytes_;
-  int last_row_;
+  std::size_t part_bytes_;
+  const std::uint8_t* bytes_;
 };
 
 template <Signal kSignal, bool kSubtract>
@@ -73,19 +67,19 @@ void extract_block(const Job& job, int first_row, int row_count) {
     return frame + static_cast<std::size_t>(first_row + i) * job.stride_bytes;
   };
   const std::size_t row_bytes = static_cast<std::size_t>(job.width_px) * (kSignal == Signal::grey ? 1 : 2);
-  const RowRequests on_requests(job.on, job.stride_bytes, row_bytes, job.height_px);
-  const RowRequests off_requests(job.off, job.stride_bytes, row_bytes, job.height_px);
+  const auto request = [&](const std::uint8_t* frame, int row)
+                           HWY_ATTR { return RowRequest(frame, job.stride_bytes, row_bytes, row, job.height_px); };
   TopScore top[kRowsInWork];
-  bool any_whole = false, any_partial = false;
+  CoarsePeak peaks[kBlockRows];
+  int whole = 0, partial = 0;
   for (int i = row_count; i < kBlockRows; ++i) s.window[i].kind = WindowKind::none;
-  // A row's four steps in four turns: its stores are in the cache when it is read again.
+  // A row's five steps in five turns: its stores are in the cache when it is read again.
   for (int turn = 0; turn < row_count + kRowsInWork - 1; ++turn) {
-    const int current_row = first_row + turn;
-    on_requests.look_up_pages(current_row);
-    if constexpr (kSubtract) off_requests.look_up_pages(current_row);
+    const RowRequest on_request = request(job.on, first_row + turn);
+    const RowRequest off_request = kSubtract ? request(job.off, first_row + turn) : on_request;
     const auto in_turn = [&](int step, auto&& work) {
-      on_requests.ask_for_part(current_row, static_cast<std::size_t>(step));
-      if constexpr (kSubtract) off_requests.ask_for_part(current_row, static_cast<std::size_t>(step));
+      if (turn < row_count) on_request.ask_for_part(static_cast<std::size_t>(step));
+      if (kSubtract && turn < row_count) off_request.ask_for_part(static_cast<std::size_t>(step));
       const int i = turn - step;
       if (i >= 0 && i < row_count) work(i, i % kRowsInWork);
     };
@@ -108,19 +102,22 @@ void extract_block(const Job& job, int first_row, int row_count) {
       top[slot] = take_top(s.scores[slot] + kPaddingCells, cell_count, hn::Load(D8(), s.highest[slot]));
     });
     in_turn(3, [&](int i, int slot) {
-      const CoarsePeak peak = judge(top[slot], s.scores[slot] + kPaddingCells, cell_count, job.options);
+      peaks[i] = judge(top[slot], s.scores[slot] + kPaddingCells, cell_count, job.options);
+    });
+    in_turn(4, [&](int i, int) {
+      const bool found = peaks[i].status == RowStatus::found;
       LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
       row = {};
-      row.status = peak.status;
-      s.window[i].kind = WindowKind::none;
-      if (peak.status != RowStatus::found) return;
-      row.status = RowStatus::no_line;
+      row.status = found ? RowStatus::no_line : peaks[i].status;
+      // Whether there is a line or not: nobody can tell beforehand.
       take_row<kSignal, kSubtract>(s, i, row_of(job.on, i), kSubtract ? row_of(job.off, i) : nullptr, job.width_px,
-                                   peak.center_px, job.options);
-      any_whole = any_whole || s.window[i].kind == WindowKind::whole;
-      any_partial = any_partial || s.window[i].kind == WindowKind::partial;
+                                   peaks[i].center_px, job.options);
+      if (!found) s.window[i].kind = WindowKind::none;
+      whole += s.window[i].kind == WindowKind::whole ? 1 : 0;
+      partial += s.window[i].kind == WindowKind::partial ? 1 : 0;
     });
   }
+  const bool any_whole = whole > 0, any_partial = partial > 0;
   const auto refine = [&](auto&& refine_rows, WindowKind kind) {
     refine_rows(s, job.options);
     for (int lane = 0; lane < kBlockRows; ++lane) {

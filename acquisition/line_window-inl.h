@@ -97,6 +97,7 @@ HWY_INLINE void cut_window(Scratch& s, int row, const std::uint8_t* on, const st
   };
   window.saturated = false;
   if (inside) {
+    const auto level = hn::Set(d, kSaturatedLevel<kSignal>);
     auto highest = hn::Zero(d);
     for (int i = 0; i < kWindowPx; i += lanes) {
       const auto lit = signals_at<kSignal>(d, on, first + i);
@@ -104,13 +105,10 @@ HWY_INLINE void cut_window(Scratch& s, int row, const std::uint8_t* on, const st
       auto value = lit;
       if constexpr (kSubtract) value = hn::Sub(lit, signals_at<kSignal>(d, off, first + i));
       hn::Store(clipped(value), d, cut + i);
+      hn::Store(hn::VecFromMask(d, hn::Lt(lit, level)), d, s.usable[row] + i);
     }
-    const auto level = hn::Set(d, kSaturatedLevel<kSignal>);
     window.saturated = !hn::AllTrue(d, hn::Lt(highest, level));
     window.kind = window.saturated ? WindowKind::partial : WindowKind::whole;
-    for (int i = 0; window.saturated && i < kWindowPx; i += lanes) {
-      hn::Store(hn::VecFromMask(d, hn::Lt(signals_at<kSignal>(d, on, first + i), level)), d, s.usable[row] + i);
-    }
     return;
   }
   window.kind = WindowKind::partial;
