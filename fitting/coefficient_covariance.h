@@ -28,8 +28,8 @@ struct ErrorSources {
   Eigen::MatrixXd knot_bias;    ///< what the knots cannot follow, near each coefficient (mm)
 };
 
-/// Of coefficients that least squares give, bridged with kVanishingWeight where cells are empty: noise alike everywhere,
-/// and knots that follow. @pre the equations outlive the result
+/// Of coefficients that least squares give, bridged with kVanishingWeight where cells are empty: noise alike
+/// everywhere, and knots that follow. @pre the equations outlive the result
 ErrorSources even_error_sources(const NormalEquations& equations, const Eigen::MatrixXd& free, double noise_variance,
                                 const Inflation& inflation);
 
