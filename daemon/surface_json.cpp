@@ -9,6 +9,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include "daemon/json_field.h"
+
 namespace celadon {
 namespace {
 
@@ -53,68 +55,8 @@ std::string quoted(const std::string& text) {
 
 // --- reading: every access says where it is ---
 
-struct Problem {
-  std::string text;
-};
-
-class Reader {
- public:
-  Reader(const json& value, std::string place) : value_(value), place_(std::move(place)) {}
-
-  Reader at(const char* name) const {
-    if (!value_.is_object()) fail("is not an object");
-    const auto found = value_.find(name);
-    if (found == value_.end()) throw Problem{"the field " + path(name) + " is missing"};
-    return {*found, path(name)};
-  }
-  bool has(const char* name) const { return value_.is_object() && value_.contains(name); }
-  Reader at(std::size_t index) const { return {value_[index], place_ + "[" + std::to_string(index) + "]"}; }
-  std::size_t size() const {
-    if (!value_.is_array()) fail("is not a list");
-    return value_.size();
-  }
-  double number() const {
-    if (!value_.is_number()) fail("is not a number");
-    const auto x = value_.get<double>();
-    if (!std::isfinite(x)) fail("is not finite");
-    return x;
-  }
-  int whole(int low, int high) const {
-    if (!value_.is_number_integer()) fail("is not a whole number");
-    const auto x = value_.get<std::int64_t>();
-    if (x < low || x > high) {
-      fail("is " + value_.dump() + ", outside " + std::to_string(low) + " .. " + std::to_string(high));
-    }
-    return static_cast<int>(x);
-  }
-  bool boolean() const {
-    if (!value_.is_boolean()) fail("is neither true nor false");
-    return value_.get<bool>();
-  }
-  std::string text() const {
-    if (!value_.is_string()) fail("is not a text");
-    return value_.get<std::string>();
-  }
-  std::vector<double> numbers() const {
-    std::vector<double> out(size());
-    for (std::size_t i = 0; i < out.size(); ++i) out[i] = at(i).number();
-    return out;
-  }
-  std::vector<double> numbers(std::size_t count) const {
-    if (size() != count) fail("has " + std::to_string(size()) + " numbers instead of " + std::to_string(count));
-    return numbers();
-  }
-  Eigen::Vector3d vector() const {
-    const auto v = numbers(3);
-    return {v[0], v[1], v[2]};
-  }
-  [[noreturn]] void fail(const std::string& what) const { throw Problem{"the field " + place_ + " " + what}; }
-
- private:
-  std::string path(const char* name) const { return place_.empty() ? name : place_ + "." + name; }
-  const json& value_;
-  std::string place_;
-};
+using Reader = JsonField;
+using Problem = JsonProblem;
 
 /// A clamped ascending knot vector over [low, high].
 std::vector<double> read_knots(const Reader& field, int degree, std::optional<double> low, std::optional<double> high) {
@@ -164,15 +106,7 @@ BaseSurface read_base(const Reader& field) {
   if (base.arcs.count() != arcs || std::abs(base.arcs.arc_rad() - arc) > 1e-9) {
     field.at("arcs").fail("and arc_rad do not describe equal arcs of at most 90 degrees");
   }
-  const Reader frame = field.at("frame");
-  base.X_WB.translation() = frame.at("origin").vector();
-  base.X_WB.linear().col(0) = frame.at("x").vector();
-  base.X_WB.linear().col(1) = frame.at("y").vector();
-  base.X_WB.linear().col(2) = frame.at("z").vector();
-  const Eigen::Matrix3d R = base.X_WB.linear();
-  if ((R.transpose() * R - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > 1e-9 || R.determinant() < 0) {
-    frame.fail("is not right-handed and orthonormal");
-  }
+  base.X_WB = field.at("frame").frame();
   return base;
 }
 

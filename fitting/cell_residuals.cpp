@@ -30,6 +30,17 @@ Eigen::MatrixXd polynomial(const FitSpace& space, const Eigen::MatrixXd& free, i
   return c;
 }
 
+// Powers of an interval's coordinate in those of one of its cells: s = alpha s' + beta, column b the coefficients of
+// s^b.
+Eigen::MatrixXd inside(int first, int last, int cell, Eigen::Index powers) {
+  const double alpha = 1.0 / (last - first), beta = (2.0 * (cell - first) + 1) * alpha - 1;
+  Eigen::MatrixXd t = Eigen::MatrixXd::Zero(powers, powers);
+  t(0, 0) = 1;
+  for (Eigen::Index b = 1; b < powers; ++b)
+    for (Eigen::Index k = 0; k <= b; ++k) t(k, b) = beta * t(k, b - 1) + (k > 0 ? alpha * t(k - 1, b - 1) : 0);
+  return t;
+}
+
 }  // namespace
 
 CellResiduals cell_residuals(const MomentGrid& sums, const NormalEquations& equations, const Eigen::MatrixXd& free) {
@@ -66,6 +77,51 @@ CellResiduals cell_residuals(const MomentGrid& sums, const NormalEquations& equa
       result.square(I, J) = std::max(square, 0.0);
     }
   return result;
+}
+
+double scattered_kappa(const MomentGrid& sums, const LadderFit& member) {
+  const NormalEquations& equations = *member.equations;
+  const FitSpace& space = equations.space();
+  const int nz = sums.z_cells(), nv = sums.v_cells();
+  // Sums of residuals over the grid's cells: F's polynomial on an interval, in the coordinates of each cell of it.
+  const auto& spec = sums.specification();
+  const std::vector<int> edges_u = edges_of(space.u.breaks(), spec.z_start_mm,
+                                            spec.z_intervals / (spec.z_end_mm - spec.z_start_mm)),
+                         edges_v = edges_of(space.v.breaks(), 0, spec.intervals_per_arc);
+  const MomentLayout& at = sums.layout();
+  Eigen::MatrixXd residual = Eigen::MatrixXd::Zero(nz, nv), weight = residual;
+  for (std::size_t J = 0; J + 1 < edges_v.size(); ++J)
+    for (std::size_t I = 0; I + 1 < edges_u.size(); ++I) {
+      const Eigen::MatrixXd c = polynomial(space, member.free, static_cast<int>(I), static_cast<int>(J));
+      for (int j = edges_v[J]; j < edges_v[J + 1]; ++j)
+        for (int i = edges_u[I]; i < edges_u[I + 1]; ++i) {
+          const double* m = sums.cell(i, j);
+          weight(i, j) = m[0];
+          const Eigen::MatrixXd f = inside(edges_u[I], edges_u[I + 1], i, c.rows()) * c *
+                                    inside(edges_v[J], edges_v[J + 1], j, c.cols()).transpose();
+          residual(i, j) = m[at.range(0, 0)];
+          for (Eigen::Index a = 0; a < f.cols(); ++a)
+            for (Eigen::Index b = 0; b < f.rows(); ++b)
+              residual(i, j) -= f(b, a) * m[at.weight(static_cast<int>(b), static_cast<int>(a))];
+        }
+    }
+  int du = 1, dv = 1;
+  const int around = 2 * equations.matrix().count_v(), along = 2 * equations.matrix().count_u();
+  while (nv / (2 * dv) >= std::max(around, 4)) dv *= 2;
+  while (nz / (2 * du) >= std::max(along, 4)) du *= 2;
+  double means = 0, cells = 0;
+  for (int j = 0; j < nv; j += dv)
+    for (int i = 0; i < nz; i += du) {
+      const int h = std::min(du, nz - i), w = std::min(dv, nv - j);
+      const double n = weight.block(i, j, h, w).sum();
+      if (!(n > 0)) continue;
+      means += std::pow(residual.block(i, j, h, w).sum(), 2) / n;
+      ++cells;
+    }
+  const double free = cells - member.parameters, n = equations.weight();
+  if (free < 8 || !(member.residual_square > 0)) return 1;
+  const double kappa = means / free / (member.residual_square / std::max(1.0, n - member.parameters));
+  return kappa > 1 + 3 * std::sqrt(2 / free) ? kappa : 1;
 }
 
 }  // namespace celadon

@@ -50,12 +50,12 @@ ErrorSources error_sources(const MemberSamples& samples, LadderFit member);
 /// in it.
 class CoefficientCovariance {
  public:
-  /// Costs two factors and their inverses' entries: 0.1 s for 64 x 35 unknowns, 5 s for 128 x 131.
+  /// Costs two factors and their inverses' entries: 10 ms for 67 x 32 unknowns, 0.9 s for 131 x 128.
   /// std::nullopt: the samples do not determine it.
   static std::optional<CoefficientCovariance> of(const ErrorSources& sources);
 
   /// Standard deviation of the range along the ray, mm, at (v, along): v as BaseArcs gives it, `along` as BaseSurface
-  /// says, both clamped. A quadratic form of (p + 1)(q + 1) functions: 0.2 us.
+  /// says, both clamped. A quadratic form of (p + 1)(q + 1) functions: 0.4 us.
   double sd_mm(double v, double along) const;
   /// The same at n points; arrays of length n.
   void evaluate(const double* v, const double* along, std::size_t n, double* sd_mm) const;

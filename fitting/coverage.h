@@ -19,6 +19,11 @@ class SectorExtents {
   void add(double v, double z_mm);
   /// Those of both. @pre of the same sums
   void merge(const SectorExtents& other);
+  /// Of one place; infinities with the wrong sign where there are no samples.
+  void set(int z_cell, int sector, double lowest, double highest) {
+    lowest_[index(z_cell, sector)] = lowest;
+    highest_[index(z_cell, sector)] = highest;
+  }
   double lowest(int z_cell, int sector) const { return lowest_[index(z_cell, sector)]; }
   double highest(int z_cell, int sector) const { return highest_[index(z_cell, sector)]; }
 

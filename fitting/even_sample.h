@@ -1,9 +1,11 @@
 #pragma once
 // An even sample of a stream of unknown length, in bounded memory.
 
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -33,8 +35,35 @@ class EvenSample {
     values_.push_back(make());
     while (values_.size() > capacity_) halve();
   }
+  /// The same with a hash of the value's own instead of its number's: what is kept does not depend on the order in
+  /// which values come, nor on how they were shared out before merge().
+  template <class Make>
+  void add(std::uint32_t hash, const Make& make) {
+    if (hash > bound_) return;
+    hashes_.push_back(hash);
+    values_.push_back(make());
+    while (values_.size() > capacity_) halve();
+  }
+  /// What another one of values with hashes of their own has kept.
+  void merge(const EvenSample& other) {
+    while (bound_ > other.bound_) halve();
+    for (std::size_t k = 0; k < other.values_.size(); ++k) add(other.hashes_[k], [&] { return other.values_[k]; });
+  }
   /// In the order of the stream.
   const std::vector<Value>& values() const { return values_; }
+  /// Of the same order; and the bound that they keep.
+  const std::vector<std::uint32_t>& hashes() const { return hashes_; }
+  std::uint32_t bound() const { return bound_; }
+  /// As another one was. @throws std::invalid_argument if it cannot have been
+  void restore(std::vector<Value> values, std::vector<std::uint32_t> hashes, std::uint32_t bound) {
+    bool sound =
+        values.size() == hashes.size() && values.size() <= capacity_ && std::has_single_bit(std::uint64_t{bound} + 1);
+    for (const std::uint32_t hash : hashes) sound = sound && hash <= bound;
+    if (!sound) throw std::invalid_argument("EvenSample: this is no sample of that bound");
+    values_ = std::move(values);
+    hashes_ = std::move(hashes);
+    bound_ = bound;
+  }
 
  private:
   void halve() {

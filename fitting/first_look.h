@@ -20,20 +20,25 @@ struct SamplePoint {
 /// An even sample of the samples inside a band, how far they reach in every sector, and how many there are.
 class FirstLook {
  public:
+  static constexpr std::size_t kSamples = 1 << 17;  ///< kept at most
   /// Over the band of these sums, which need not hold samples yet.
   explicit FirstLook(const MomentGrid& sums);
+  /// As another look at scattered points without covariances was.
+  FirstLook(const MomentGrid& sums, EvenSample<SamplePoint> samples, SectorExtents extents, std::size_t points);
 
   void add(const Profile& profile);
+  /// What another look has seen of other samples. @pre over the same band
+  void merge(const FirstLook& other);
 
   const GridSpecification& specification() const { return specification_; }
   const std::vector<SamplePoint>& samples() const { return samples_.values(); }
+  const EvenSample<SamplePoint>& sample() const { return samples_; }
   const SectorExtents& extents() const { return extents_; }
   std::size_t points() const { return points_; }         ///< all, usable or not
   double profiles() const { return profiles_; }          ///< lines of rows; infinite where points are scattered
   bool has_covariances() const { return covariances_; }  ///< some profile did
 
  private:
-  static constexpr std::size_t kSamples = 1 << 17;
   GridSpecification specification_;
   BaseArcs arcs_;
   EvenSample<SamplePoint> samples_{kSamples};
@@ -49,6 +54,9 @@ struct GatheredSamples {
   MomentGrid sums;
   FirstLook look;
 };
+
+/// The sums and looks of two sets of samples as one. @throws std::invalid_argument if their grids differ
+void merge(GatheredSamples& samples, const GatheredSamples& others);
 
 /// One pass over a stream. @pre its samples are over the grid's base
 GatheredSamples gather(ProfileStream& samples, const GridSpecification& grid);

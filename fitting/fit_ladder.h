@@ -40,6 +40,7 @@ class FitLadder {
   int intervals_u(int level_u) const { return static_cast<int>(edges(level_u).size()) - 1; }
   int intervals_per_arc(int level_v) const { return sums_.specification().intervals_per_arc >> level_v; }
   CellBand band() const { return band_; }
+  const MomentGrid& sums() const { return sums_; }
 
  private:
   std::vector<int> edges(int level_u) const;

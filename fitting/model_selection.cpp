@@ -8,7 +8,9 @@
 #include <optional>
 #include <vector>
 
+#include "fitting/cell_residuals.h"
 #include "fitting/coefficient_covariance.h"
+#include "fitting/local_variance.h"
 
 namespace celadon {
 namespace {
@@ -77,7 +79,24 @@ SamplePoints sample_points(const RangeSpace& space, const Eigen::MatrixXd& a) {
 // How far a difference of two fits may go by chance, point by point: the same for all models.
 class Deviations {
  public:
-  Deviations(const FitLadder& ladder, const ReferenceFit& reference) {
+  /// `ratios`: variance of the samples over its mean, on the reference's intervals.
+  Deviations(const FitLadder& ladder, const ReferenceFit& reference, const Eigen::MatrixXd& ratios) {
+    of_even_noise(ladder, reference);
+    for (Eigen::Index j = 0; j < sd_.cols(); ++j)
+      for (Eigen::Index i = 0; i < sd_.rows(); ++i) sd_(i, j) *= std::sqrt(ratios(i / 2, j / 2));
+  }
+  double largest(const Eigen::MatrixXd& difference, double delta) const {
+    const Eigen::MatrixXd value = u_.values * difference * v_.values.transpose();
+    double result = 0;
+    for (Eigen::Index k = 0; k < value.size(); ++k) {
+      const double beyond = std::abs(value.data()[k]) - 3 * delta;
+      if (beyond > 0) result = std::max(result, sd_.data()[k] > 0 ? beyond / sd_.data()[k] : 1e300);
+    }
+    return result;
+  }
+
+ private:
+  void of_even_noise(const FitLadder& ladder, const ReferenceFit& reference) {
     const auto& equations = reference.equations;
     const Eigen::MatrixXd au = marginal(ladder, reference.levels, {true, false}),
                           av = marginal(ladder, reference.levels, {false, true});
@@ -100,17 +119,6 @@ class Deviations {
            reference.noise_variance)
               .cwiseSqrt();
   }
-  double largest(const Eigen::MatrixXd& difference, double delta) const {
-    const Eigen::MatrixXd value = u_.values * difference * v_.values.transpose();
-    double result = 0;
-    for (Eigen::Index k = 0; k < value.size(); ++k) {
-      const double beyond = std::abs(value.data()[k]) - 3 * delta;
-      if (beyond > 0) result = std::max(result, sd_.data()[k] > 0 ? beyond / sd_.data()[k] : 1e300);
-    }
-    return result;
-  }
-
- private:
   // Beside holes a function may have all its samples in a corner: no product says what that leaves open.
   bool around_holes(const ReferenceFit& reference) {
     const auto covariance = CoefficientCovariance::of(
@@ -165,7 +173,14 @@ ModelDecision select_model(const FitLadder& ladder, const ReferenceFit& referenc
   const double n = general.weight(), within = reference.inflation.within * reference.noise_variance,
                common = reference.inflation.common * reference.noise_variance;
   const int unknowns = general.supported_unknowns();
-  const Deviations deviations(ladder, reference);
+  // Noise is not alike everywhere; where weights come from stated covariances, those have seen to it.
+  Eigen::MatrixXd ratios = Eigen::MatrixXd::Ones(general.space().u.intervals(), general.space().v.intervals());
+  if (ladder.sums().rule() == WeightRule::unit)
+    ratios = variance_ratios(cell_residuals(ladder.sums(), general, reference.free),
+                             reference.inflation.mean(unknowns, general.matrix().count_v()) * unknowns,
+                             general.mean_range());
+  const double unevenness = ratios.array().square().mean() / std::pow(ratios.mean(), 2);
+  const Deviations deviations(ladder, reference, ratios);
   const Eigen::MatrixXd gradient = general.gradient(reference.free);
 
   std::optional<SurfaceModel> chosen, statistical;
@@ -187,7 +202,8 @@ ModelDecision select_model(const FitLadder& ladder, const ReferenceFit& referenc
     const double dp = std::max(1, unknowns - simple.supported_unknowns()),
                  dp_around = general.matrix().count_v() - simple.matrix().count_v();
     const double variance = dp > 0 ? within + common * dp_around / dp : within;
-    const double spread = 2 * (within * within * (dp - dp_around) + (within + common) * (within + common) * dp_around);
+    const double spread =
+        2 * unevenness * (within * within * (dp - dp_around) + (within + common) * (within + common) * dp_around);
     const auto judge = [&](double delta) {
       Evidence e;
       e.mean_square = (added - variance * dp) / n;

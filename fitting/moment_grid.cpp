@@ -270,4 +270,34 @@ std::size_t MomentGrid::memory_bytes() const {
   return sizeof(*this) + cells_.capacity() * sizeof(double);
 }
 
+std::size_t MomentGrid::packed_size() const {
+  const auto p = static_cast<std::size_t>(layout_.degree_u), q = static_cast<std::size_t>(layout_.degree_v);
+  return (2 * p + 1) * (2 * q + 1) + (p + 1) * (q + 1) + 1;
+}
+
+void MomentGrid::pack(int z_cell, int v_cell, double* packed) const {
+  const double* const from = cell(z_cell, v_cell);
+  for (int b = 0; b < layout_.weight_rows(); ++b)
+    for (int a = 0; a <= 2 * layout_.degree_v; ++a) *packed++ = from[layout_.weight(b, a)];
+  for (int b = 0; b < layout_.range_rows(); ++b)
+    for (int a = 0; a <= layout_.degree_v; ++a) *packed++ = from[layout_.range(b, a)];
+  *packed = from[layout_.square()];
+}
+
+void MomentGrid::add_packed(int z_cell, int v_cell, const double* packed) {
+  double* const to = cells_.data() + (cell(z_cell, v_cell) - cells_.data());
+  for (int b = 0; b < layout_.weight_rows(); ++b)
+    for (int a = 0; a <= 2 * layout_.degree_v; ++a) to[layout_.weight(b, a)] += *packed++;
+  for (int b = 0; b < layout_.range_rows(); ++b)
+    for (int a = 0; a <= layout_.degree_v; ++a) to[layout_.range(b, a)] += *packed++;
+  to[layout_.square()] += *packed;
+}
+
+void MomentGrid::add_counts(const Counts& counts) {
+  samples_ += counts.samples;
+  rejected_on_axis_ += counts.on_axis;
+  rejected_not_finite_ += counts.not_finite;
+  rejected_outside_ += counts.outside;
+}
+
 }  // namespace celadon

@@ -59,6 +59,19 @@ class MomentGrid {
   /// Sums of another grid with the same specification and rule. @throws std::invalid_argument naming what differs
   void merge(const MomentGrid& other);
 
+  /// Numbers of samples, and of those that were left out.
+  struct Counts {
+    std::size_t samples = 0, on_axis = 0, not_finite = 0, outside = 0;
+  };
+  /// Adds what pack() gave of the cells of another grid, and its counts.
+  void add_packed(int z_cell, int v_cell, const double* packed);
+  void add_counts(const Counts& counts);
+  /// The sums of one cell without what the layout adds: W_ba (b = 0..2p, a = 0..2q running fastest), R_ba (to p and q)
+  /// and sum w r^2. @pre packed has packed_size() numbers
+  void pack(int z_cell, int v_cell, double* packed) const;
+  std::size_t packed_size() const;
+  Counts counts() const { return {samples_, rejected_on_axis_, rejected_not_finite_, rejected_outside_}; }
+
   /// All weights times a factor.
   void scale(double factor);
 

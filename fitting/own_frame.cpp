@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "fitting/even_points.h"
+#include "fitting/look_stream.h"
 
 namespace celadon {
 namespace {
@@ -17,26 +18,6 @@ constexpr double kMostOfRadius = 0.01;
 // Of the points that local_frame() saw, so many lie on the shape it found.
 constexpr double kInliers = 0.6;
 constexpr int kHeights = 32, kAngles = 128;
-
-// The look's samples in the scanner's frame.
-class LookStream : public ProfileStream {
- public:
-  explicit LookStream(const FirstLook& look) {
-    const BaseArcs& arcs = look.specification().arcs;
-    profile_.order = ProfileOrder::scattered;
-    for (const SamplePoint& s : look.samples()) {
-      profile_.r_mm.push_back(s.r_mm);
-      profile_.theta_rad.push_back(arcs.theta_of_v(s.v));
-      profile_.z_mm.push_back(s.z_mm);
-    }
-  }
-  void rewind() override { read_ = false; }
-  const Profile* next() override { return std::exchange(read_, true) ? nullptr : &profile_; }
-
- private:
-  Profile profile_;
-  bool read_ = false;
-};
 
 // Sections of a round body across an axis beside its own are circles, and nearly so if it leans.
 bool sections_are_circles(const RangeFunction& f) {

@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "fitting/cell_residuals.h"
 #include "fitting/coefficient_covariance.h"
 #include "fitting/coverage.h"
 #include "fitting/fit_ladder.h"
@@ -236,7 +237,7 @@ tl::expected<RangeFit, FitError> fit_sums(const MomentGrid& sums, const RangeFit
 
 tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const FirstLook& look, ProfileParts parts,
                                                const RangeFitOptions& options, const Executor& executor,
-                                               const std::function<void(const char* stage)>& stage) {
+                                               const std::function<void(const char* stage)>& stage, double share) {
   const auto enter = [&](const char* name) {
     if (stage) stage(name);
   };
@@ -281,7 +282,7 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
                     .executor = executor};
   if (reweight) task.new_sums = look.has_covariances() ? WeightRule::covariance : WeightRule::unit;
   // A revolution may want finer intervals along z than sums that are as fine around can have.
-  if (reweight ? may_be_revolution(*reference, options) : candidate.levels.u == 0)
+  if (share == 1 && (reweight ? may_be_revolution(*reference, options) : candidate.levels.u == 0))
     task.revolution = revolution_grid(sums, look, options);
   Weighing weighing = weigh(sums, parts, task);
   double lack_of_fit = 0;
@@ -302,8 +303,14 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
     parameters = member.parameters;
     around = (*domain)->ladder.unknowns(candidate.levels.u, candidate.levels.v, {false, candidate.variation.around_v});
   }
+  Inflation inflation = weighing.correlation.inflation(lack_of_fit);
+  if (share < 1 && !reweight) {
+    const auto member = solve_member((*domain)->ladder, candidate.levels, candidate.variation);
+    weighing.residual_square = member->residual_square;
+    weighing.samples = static_cast<double>(sums.samples());
+    inflation = Inflation{.within = scattered_kappa(sums, *member)};
+  }
   const double n = weighing.samples;
-  const Inflation inflation = weighing.correlation.inflation(lack_of_fit);
   const double lost = inflation.mean(parameters, around) * parameters;
   Noise noise{weighing.residual_square / std::max(n - lost, 0.5 * n), inflation};
   report.kappa = noise.inflation.total();
@@ -350,6 +357,7 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
                               .profiles = look.profiles(),
                               .stated = reweight && look.has_covariances()};
   fit.errors = std::make_shared<const ErrorSources>(error_sources(samples, std::move(choice->fit)));
+  result.share = share;
   result.band = band;
   result.grid_start_mm = sums.specification().z_start_mm;
   result.grid_end_mm = sums.specification().z_end_mm;

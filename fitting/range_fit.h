@@ -95,6 +95,7 @@ struct SurfaceFit {
   std::shared_ptr<const RobustReference> judge;  ///< which samples belong to the surface; null: all
   CoveredBand band;
   double grid_start_mm = 0, grid_end_mm = 0;  ///< samples outside were not looked at
+  double share = 1;                           ///< of the samples that are there to be read
 };
 
 /// Why no surface could be fitted: a value and a remedy in one sentence.
@@ -108,12 +109,15 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
 /// The surface, from sums and a first look over the same samples, which both may have been gathered while they came in;
 /// `parts` are read once, never copied. Progress is reported by `stage` ("looking for outliers", ...) if given.
 /// Errors: no samples, fewer samples than unknowns, all points on the axis, a band without coverage.
+/// `share`: of the samples that `parts` hold, an even choice; 1: all. Else noise and kappa are the sums', and weights
+/// make sums of that choice alone.
 /// @throws std::invalid_argument if the look was over other sums
 /// @pre at least one part; the same parts give the same bits whatever the executor
 tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const FirstLook& look, ProfileParts parts,
                                                const RangeFitOptions& options = {},
                                                const Executor& executor = run_in_turn,
-                                               const std::function<void(const char* stage)>& stage = {});
+                                               const std::function<void(const char* stage)>& stage = {},
+                                               double share = 1);
 
 /// What a surface misses samples by.
 struct SurfaceErrors {

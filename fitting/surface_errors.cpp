@@ -1,4 +1,5 @@
 // measure_errors: the last pass.
+#include <cmath>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -95,8 +96,11 @@ RangeFit measure_errors(SurfaceFit surface, ProfileParts parts, const Executor& 
     all.unfollowable += of_part[k].unfollowable;
   }
   RangeFitReport& report = surface.fit.report;
-  report.unfollowable = all.unfollowable;
-  report.rejected = report.points - all.missed.along_ray.count() - all.cut - all.unfollowable;
+  const auto of_all = [&](std::size_t read) {
+    return static_cast<std::size_t>(std::llround(static_cast<double>(read) / surface.share));
+  };
+  report.unfollowable = of_all(all.unfollowable);
+  report.rejected = report.points - of_all(all.missed.along_ray.count() + all.cut + all.unfollowable);
   report.residual_mm = all.missed.along_ray_mm();
   report.geometric_mm = all.missed.geometric_mm();
   surface.fit.geometric_errors = std::move(all.map);

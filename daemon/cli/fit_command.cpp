@@ -1,7 +1,6 @@
 // celadon fit: a cloud or native samples to an exact surface and its files.
 
 #include <algorithm>
-#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <memory>
@@ -13,7 +12,9 @@
 #include "daemon/cli/body_fit.h"
 #include "daemon/cli/commands.h"
 #include "daemon/cli/fit_input.h"
-#include "daemon/cli/summary.h"
+#include "daemon/cli/fit_outputs.h"
+#include "daemon/cli/model_option.h"
+#include "daemon/cli/partial_fit.h"
 #include "daemon/files/atomic_file.h"
 #include "daemon/files/cloud_files.h"
 #include "daemon/report.h"
@@ -34,29 +35,11 @@ struct FitArguments {
   double tolerance_mm = 0, form_tolerance_mm = -1, fair_mm = 0, chord_mm = 0;
   std::optional<double> centre_z_mm, split_above_mm, split_below_mm;
   std::vector<int> degree = {3, 3}, knots;
-  bool axis_named = false, ap214 = false, json = false;
+  std::string grid, write_grid;
+  bool axis_named = false, ap214 = false, json = false, partial = false;
+  std::vector<std::string> named;  ///< options that were
+  bool names(const char* option) const { return std::find(named.begin(), named.end(), option) != named.end(); }
 };
-
-class StopWatch {
- public:
-  double lap() {
-    const auto now = std::chrono::steady_clock::now();
-    const double seconds = std::chrono::duration<double>(now - began_).count();
-    began_ = now;
-    return seconds;
-  }
-
- private:
-  std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
-};
-
-SurfaceModel model_from(const std::string& text) {
-  for (const auto model :
-       {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational, SurfaceModel::general}) {
-    if (text == to_string(model) || text == to_string(model, BaseKind::sphere)) return model;
-  }
-  return SurfaceModel::automatic;
-}
 
 RangeFitOptions fit_options(const FitArguments& arguments) {
   RangeFitOptions options;
@@ -70,7 +53,7 @@ RangeFitOptions fit_options(const FitArguments& arguments) {
     options.z_intervals = arguments.knots[0];
     options.intervals_per_arc = arguments.knots[1];
   }
-  options.continuity = arguments.space == "thesis" ? JointContinuity::thesis : JointContinuity::curvature;
+  options.continuity = continuity_from(arguments.space);
   return options;
 }
 
@@ -102,6 +85,16 @@ tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, P
 std::string contradiction(const FitArguments& arguments) {
   const bool sphere = arguments.shape == "sphere";
   const bool split = arguments.split_above_mm || arguments.split_below_mm;
+  if (arguments.partial && arguments.grid.empty())
+    return "--partial needs the grid that all parts share; name it with --grid (celadon fit --write-grid makes one)";
+  if (arguments.partial && (arguments.outputs.size() != 1 || !arguments.report.empty()))
+    return "--partial writes one file; name it with -o FILE.part";
+  if (!arguments.grid.empty())
+    for (const char* fixed : {"--shape", "--split-above", "--split-below", "--centre-z", "--axis", "--degree",
+                              "--knots", "--write-grid", "--turned-over"})
+      if (arguments.names(fixed)) return std::string(fixed) + " does not go with --grid, which fixes it; leave it out";
+  if (!arguments.write_grid.empty() && !arguments.turned_over.empty())
+    return "--write-grid is for one pose of an object; leave --turned-over out";
   if (arguments.centre_z_mm && !sphere) return "--centre-z is for --shape sphere; leave it out or change the shape";
   if (split && arguments.shape != "composite")
     return "--split-above and --split-below are for --shape composite; leave them out or change the shape";
@@ -112,28 +105,55 @@ std::string contradiction(const FitArguments& arguments) {
   return {};
 }
 
+// On a grid file: the sums of the input, or its surface.
+int fit_with_grid(const FitArguments& arguments) {
+  std::optional<std::string> unit;
+  if (arguments.names("--unit")) unit = arguments.unit;
+  const auto outputs =
+      output_files(arguments.partial ? std::vector<std::string>{} : arguments.outputs, arguments.report);
+  if (!outputs) return fail(2, outputs.error());
+  StopWatch watch;
+  auto input = open_on_grid(arguments.input, arguments.grid, unit);
+  if (!input) return fail(2, input.error());
+  if (arguments.partial) return write_part(*input, arguments.input, arguments.outputs.front());
+  const auto fitted = fit_on_grid(*input, fit_options(arguments));
+  if (!fitted) return fail(2, "'" + arguments.input + "': " + fitted.error());
+  ResultNotes notes;
+  notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
+  notes.date = arguments.date;
+  notes.seconds.push_back({"fit", watch.lap()});
+  ResultOptions files;
+  files.ap214 = arguments.ap214;
+  files.chord_mm = arguments.chord_mm;
+  return finish(
+      std::span(&*fitted, 1), *outputs, notes, files, [&] { return report_json(*fitted, notes); }, watch,
+      arguments.input, arguments.json);
+}
+
+// A grid about the axis, and the centre, that the fit has found.
+int write_grid(const FitArguments& arguments, const BodyFit& fitted, const CloudOptions& cloud) {
+  if (fitted.pieces().size() > 1)
+    return fail(2,
+                "a composite has a grid for every piece, and --write-grid writes one; name --shape cylinder or sphere");
+  const BaseSurface& base = fitted.pieces().front().function.base();
+  RangeFitOptions options = fit_options(arguments);
+  options.base = base.kind;
+  const auto grid =
+      choose_sums_grid(arguments.input, frame_about(cloud.axis) * base.X_WB, cloud.millimetres_per_unit, options);
+  if (!grid) return fail(2, "'" + arguments.input + "': " + grid.error());
+  const auto written = write_file_atomically(arguments.write_grid, format_grid(*grid));
+  if (!written) return fail(4, written.error().message);
+  std::printf("%s\n  grid        %d x %d intervals over a %s\n  wrote       %s\n", arguments.input.c_str(),
+              grid->cells.z_intervals, grid->cells.arcs.count() * grid->cells.intervals_per_arc,
+              base.spherical() ? "sphere" : "cylinder", arguments.write_grid.c_str());
+  return 0;
+}
+
 int fit(const FitArguments& arguments) {
   if (const std::string wrong = contradiction(arguments); !wrong.empty()) return fail(2, wrong);
-  // Outputs are checked before hours of work, not after.
-  std::vector<std::pair<ResultFormat, std::filesystem::path>> outputs;
-  for (const auto& output : arguments.outputs) {
-    const auto format = result_format_of(output);
-    if (!format) {
-      return fail(
-          2, "'" + output + "' has no known ending; use .step, .stl, .ply, .svg (errors), surface.json or report.json");
-    }
-    const auto folder = std::filesystem::absolute(output).parent_path();
-    if (!std::filesystem::is_directory(folder)) {
-      return fail(2,
-                  "'" + output + "' cannot be written: there is no folder '" + folder.string() + "'; create it first");
-    }
-    outputs.emplace_back(*format, output);
-  }
-  if (!arguments.report.empty()) outputs.emplace_back(ResultFormat::report_json, arguments.report);
-  // The report comes last: it holds what the others found.
-  std::stable_sort(outputs.begin(), outputs.end(), [](const auto& a, const auto& b) {
-    return (a.first == ResultFormat::report_json) < (b.first == ResultFormat::report_json);
-  });
+  if (!arguments.grid.empty()) return fit_with_grid(arguments);
+  const auto outputs = output_files(arguments.outputs, arguments.report);
+  if (!outputs) return fail(2, outputs.error());
 
   StopWatch watch;
   ResultNotes notes;
@@ -205,6 +225,7 @@ int fit(const FitArguments& arguments) {
                    " points have NaN or infinite coordinates and do not count)");
   }
   if (!fitted) return problem(fitted.error());
+  if (!arguments.write_grid.empty()) return write_grid(arguments, *fitted, cloud);
 
   notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
   notes.date = arguments.date;
@@ -215,25 +236,9 @@ int fit(const FitArguments& arguments) {
   ResultOptions files;
   files.ap214 = arguments.ap214;
   files.chord_mm = arguments.chord_mm;
-  std::vector<FittedSurface> pieces;
-  for (const RangeFit& piece : fitted->pieces())
-    pieces.push_back({piece.function, piece.surface, piece.deviation ? &*piece.deviation : nullptr});
-  for (const auto& [format, file] : outputs) {
-    const auto written = format == ResultFormat::report_json ? write_report(fitted->report(notes), file)
-                         : format == ResultFormat::errors_svg
-                             ? write_errors(fitted->pieces(), fitted->report(notes), file)
-                             : write_surface(pieces, format, file, notes, files);
-    if (!written) return fail(written.error().exit_code, written.error().message);
-    notes.seconds.push_back({to_string(format), watch.lap()});
-  }
-  const auto report = fitted->report(notes);
-  if (arguments.json) {
-    std::printf("%s\n", report.dump().c_str());
-  } else {
-    std::printf("%s\n%s", arguments.input.c_str(), summary_of(nlohmann::json(report)).c_str());
-    for (const auto& [format, file] : outputs) std::printf("  wrote       %s\n", file.c_str());
-  }
-  return 0;
+  return finish(
+      fitted->pieces(), *outputs, notes, files, [&] { return fitted->report(notes); }, watch, arguments.input,
+      arguments.json);
 }
 
 }  // namespace
@@ -272,8 +277,8 @@ void add_fit_command(CLI::App& program, Run& run) {
       "--centre-z", arguments->centre_z_mm,
       "height of the sphere's centre on the axis [mm]; default: where the samples lie best about it, 0 of\n"
       "native samples rho,phi,theta");
-  command->add_option("--model", arguments->model, "how general the surface is")
-      ->check(CLI::IsMember({"auto", "cylinder", "sphere", "revolution", "translational", "general"}));
+  add_model_options(*command, arguments->model, arguments->tolerance_mm, arguments->form_tolerance_mm,
+                    arguments->space);
   command
       ->add_option(
           "--axis", arguments->axis,
@@ -281,14 +286,6 @@ void add_fit_command(CLI::App& program, Run& run) {
           "scanner's, unless the part is round about another; named, its own in any case)")
       ->check(CLI::IsMember({"x", "y", "z", "auto"}));
   command->add_option("--unit", arguments->unit, "unit of length of the file: um, mm, cm, m, in");
-  command
-      ->add_option("--tolerance", arguments->tolerance_mm,
-                   "refine until 95 % of the errors are below it [mm]; 0: what the data carry")
-      ->check(not_negative());
-  command
-      ->add_option("--form-tolerance", arguments->form_tolerance_mm,
-                   "deviation from a simpler form that is accepted [mm]; negative: 1e-9 of the size")
-      ->check(finite());
   command
       ->add_option("--fair", arguments->fair_mm,
                    "fair the surface as far as 95 % of it stays within this distance of the fit [mm]; 0: not at all")
@@ -301,10 +298,12 @@ void add_fit_command(CLI::App& program, Run& run) {
                    "fixed numbers of intervals along z and per quarter turn, powers of two")
       ->expected(2)
       ->check(CLI::Range(1, 1024));
-  command
-      ->add_option("--space", arguments->space,
-                   "continuity at the meridians 0, 90, 180, 270 degrees: curvature, or as in the thesis")
-      ->check(CLI::IsMember({"curvature", "thesis"}));
+  command->add_option("--grid", arguments->grid,
+                      "fit on this grid file, which fixes frame, shape, unit and knots; see daemon/PARTIAL_SUMS.md");
+  command->add_flag("--partial", arguments->partial,
+                    "with --grid: write the input's sums alone (-o FILE.part), for celadon merge");
+  command->add_option("--write-grid", arguments->write_grid,
+                      "choose a grid for this and other inputs of the same object, write it and stop");
   command->add_option("--chord", arguments->chord_mm, "chord tolerance of meshes [mm]; 0: 1e-4 of the size")
       ->check(not_negative());
   command->add_option("--name", arguments->name, "name of the part in the files; default: that of the input");
@@ -312,7 +311,9 @@ void add_fit_command(CLI::App& program, Run& run) {
   command->add_flag("--ap214", arguments->ap214, "STEP AP214 instead of AP242");
   command->add_flag("--json", arguments->json, "print the report as one line of JSON instead of text");
   command->callback([arguments, command, &run] {
-    arguments->axis_named = command->get_option("--axis")->count() > 0;
+    for (const CLI::Option* option : command->get_options())
+      if (option->count() > 0) arguments->named.push_back(option->get_name());
+    arguments->axis_named = arguments->names("--axis");
     run = [arguments] { return fit(*arguments); };
   });
 }

@@ -482,7 +482,7 @@ TEST(LineCommand, BadPicturesAreRefused) {
 }
 
 TEST(Help, ShowsUnitsAndDefaults) {
-  for (const char* command : {"fit", "scan", "line", "evaluate", "watch"}) {
+  for (const char* command : {"fit", "merge", "scan", "line", "evaluate", "watch"}) {
     const auto outcome = run({"celadon", command, "--help"});
     EXPECT_EQ(outcome.exit_code, 0);
     EXPECT_NE(outcome.out.find("-o"), std::string::npos) << command;
