@@ -212,30 +212,31 @@ HWY_INLINE VF exp_of(VF y) {
   return hn::Mul(p, hn::BitCast(d, exponent));
 }
 
-/// Calls f(k, light, u) for k = 0, h, -h, 2 h, -2 h .. within the reach, h the stride, with the model's light A g and
-/// u = (k - x) / s. The Gaussian follows from its neighbour by two multiplications.
-template <int kStride, class F>
+/// Calls f(k, light, u) for k = 0, 1, -1 .. reach, -reach with the model's light A g and u = (k - x) / s. The Gaussian
+/// follows from its neighbour by two multiplications.
+template <class F>
 HWY_INLINE void for_each_pixel(const LineModel& m, int reach, F&& f) {
   const DF d;
   const auto set = [&](float v) HWY_ATTR { return hn::Set(d, v); };
-  const auto inverse_width = hn::Div(set(1.f), m.width), u_step = hn::Mul(set(kStride), inverse_width);
-  const auto half = hn::Mul(set(0.5f), hn::Mul(inverse_width, inverse_width));
-  const auto ratio_step = exp_of(hn::Neg(hn::Mul(u_step, u_step)));
+  const auto inverse_width = hn::Div(set(1.f), m.width);
+  const auto inverse_variance = hn::Mul(inverse_width, inverse_width);
+  const auto half = hn::Mul(set(0.5f), inverse_variance);
+  const auto ratio_step = exp_of(hn::Neg(inverse_variance));
   const auto light = hn::Mul(m.amplitude, exp_of(hn::Neg(hn::Mul(half, hn::Mul(m.x, m.x)))));
-  const auto u = hn::Neg(hn::Mul(m.x, inverse_width)), twice = hn::Mul(set(2 * kStride), m.x);
+  const auto u = hn::Neg(hn::Mul(m.x, inverse_width)), twice_x = hn::Add(m.x, m.x);
   f(0, light, u);
-  // g(k + h) / g(k) and g(-k - h) / g(-k), from k = 0
-  auto ratio_right = exp_of(hn::Mul(half, hn::Sub(twice, set(kStride * kStride))));
-  auto ratio_left = exp_of(hn::Neg(hn::Mul(half, hn::Add(twice, set(kStride * kStride)))));
+  // g(k + 1) / g(k) and g(-k - 1) / g(-k), from k = 0
+  auto ratio_right = exp_of(hn::Mul(half, hn::Sub(twice_x, set(1.f))));
+  auto ratio_left = exp_of(hn::Neg(hn::Mul(half, hn::Add(twice_x, set(1.f)))));
   auto light_right = light, light_left = light, u_right = u, u_left = u;
-  for (int k = kStride; k <= reach; k += kStride) {
+  for (int k = 1; k <= reach; ++k) {
     light_right = hn::Mul(light_right, ratio_right);
     ratio_right = hn::Mul(ratio_right, ratio_step);
-    u_right = hn::Add(u_right, u_step);
+    u_right = hn::Add(u_right, inverse_width);
     f(k, light_right, u_right);
     light_left = hn::Mul(light_left, ratio_left);
     ratio_left = hn::Mul(ratio_left, ratio_step);
-    u_left = hn::Sub(u_left, u_step);
+    u_left = hn::Sub(u_left, inverse_width);
     f(-k, light_left, u_left);
   }
 }
@@ -244,11 +245,8 @@ HWY_INLINE VF variance(const NoiseModel& noise, VF light) {
   return hn::MulAdd(light, hn::MulAdd(light, noise.speckle, noise.shot), noise.ambient);
 }
 
-/// Passes of Gauss-Newton: weights need not be exact before the last, and the first need not look at every pixel.
+/// Passes of Gauss-Newton: weights need not be exact before the last.
 enum class Pass : std::uint8_t { first, tells_speckle, last };
-
-template <bool kMasked, Pass kPass>
-constexpr int kStridePx = !kMasked && kPass == Pass::first ? 2 : 1;
 
 /// Information and gradient in (x / s, ln A, ln s): derivatives of the light L are L u, L and L u^2. With p the
 /// information of a pixel on ln A, and z its residual over its noise: sums of p (z^2 - 1) and of p^2.
@@ -282,7 +280,7 @@ HWY_INLINE Normal normal_sums(Scratch& s, int lane, const LineModel& m, const No
   const auto extent = hn::MulAdd(m.width, hn::Set(d, kReachWidths), hn::Abs(m.x));
   const int reach = HWY_MIN(kReachPx, static_cast<int>(hn::GetLane(hn::MaxOfLanes(d, extent))));
   subtract_background(s, lane, reach);
-  for_each_pixel<kStridePx<kMasked, kPass>>(
+  for_each_pixel(
       m, reach, [&](int k, VF light, VF u) HWY_ATTR __attribute__((always_inline)) {
         const auto u2 = hn::Mul(u, u);
         const auto v = variance(noise, light);
@@ -459,9 +457,9 @@ HWY_NOINLINE void improve(Scratch& s, const LaserLineOptions& options, float spe
       hn::Store(hn::Add(n.excess, taken), d, s.speckle_excess + lane);
       hn::Store(n.weight, d, s.speckle_weight + lane);
     }
-    constexpr float kPrior = kWidthInformation / kStridePx<kMasked, kPass>;
-    n.ss = hn::Add(n.ss, set(kPrior));
-    n.rs = hn::MulAdd(set(kPrior), hn::Sub(hn::Div(hn::Load(d, s.width_start + lane), m.width), set(1.f)), n.rs);
+    n.ss = hn::Add(n.ss, set(kWidthInformation));
+    n.rs = hn::MulAdd(set(kWidthInformation), hn::Sub(hn::Div(hn::Load(d, s.width_start + lane), m.width), set(1.f)),
+                      n.rs);
     n.xx = hn::Add(n.xx, set(1e-3f));
     const Step step = solve<kMasked>(n);
     hn::Store(hn::Mul(step.x_variance, hn::Mul(m.width, m.width)), d, s.variance_x + lane);

@@ -113,12 +113,11 @@ class Row {
   void begin(double mean_width) { s_ = width_start = (width_start + mean_width) / 2; }
 
   /// Gauss-Newton in (x / s, ln A, ln s) by Cramer's rule on the 3 x 3 system.
-  void improve(double speckle, int stride) {
+  void improve(double speckle) {
     double m[3][3] = {}, r[3] = {};
     excess = weight = 0;
     const int reach = std::min(28, static_cast<int>(3.3 * s_ + std::abs(x_)));
     for (int k = -reach; k <= reach; ++k) {
-      if (k % stride != 0) continue;
       const double u = (k - x_) / s_, light = amplitude_ * std::exp(-u * u / 2);
       if ((partial && !usable(k)) || u * u > 3.3 * 3.3) continue;
       const double w = 1 / (ambient_variance_ + shot() * light + speckle * light * light);
@@ -134,8 +133,8 @@ class Row {
     excess += 3 * weight / std::max(m[1][1], 1e-6);
     if (!partial) m[0][1] = m[1][0] = m[0][2] = m[2][0] = 0;
     m[0][0] += 1e-3;
-    m[2][2] += 50.0 / stride;
-    r[2] += 50.0 / stride * (width_start / s_ - 1);
+    m[2][2] += 50;
+    r[2] += 50 * (width_start / s_ - 1);
     if (!partial) m[1][2] = m[2][1] = m[0][0];
     const auto determinant = [](const double(&a)[3][3]) {
       return a[0][0] * (a[1][1] * a[2][2] - a[1][2] * a[2][1]) - a[0][1] * (a[1][0] * a[2][2] - a[1][2] * a[2][0]) +
@@ -310,7 +309,7 @@ inline void refine(const std::vector<Row*>& rows, const LaserLineOptions& option
       const double shown = std::min(extent * std::max(speckle + excess / weight, 0.0), 1.0);
       if (weight > 0) speckle = (count * shown + expected) / (count + 1);
     }
-    for (Row* row : rows) row->improve(speckle, pass == 0 && passes == 3 ? 2 : 1);  // whole rows begin by every other
+    for (Row* row : rows) row->improve(speckle);
   }
   for (Row* row : rows) row->finish();
 }
