@@ -345,6 +345,15 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
   report.decided_by = decision->decided_by;
   report.stopped_by = choice->stopped_by;
   const CoveredBand& band = (*domain)->band;
+  if (options.constraints.any()) {
+    Variation variation = knots.variation;
+    auto held = hold(options.constraints, along ? *along : (*domain)->ladder, band.z_start_mm, band.z_end_mm,
+                     noise.variance, noise.inflation, choice->fit, variation);
+    if (!held) return tl::unexpected(held.error());
+    report.constraints = std::move(*held);
+    if (variation.along_u != knots.variation.along_u)
+      report.model = variation.around_v ? SurfaceModel::general : SurfaceModel::revolution;
+  }
   RangeFit& fit = result.fit;
   fit.function = range_function(*choice->fit.equations, choice->fit.free).clipped(band.z_start_mm, band.z_end_mm);
   if (auto error = refuse_crossing(fit.function)) return tl::unexpected(*error);

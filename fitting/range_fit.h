@@ -11,6 +11,7 @@
 
 #include <tl/expected.hpp>
 
+#include "fitting/constraints.h"
 #include "fitting/coverage.h"
 #include "fitting/deviation_map.h"
 #include "fitting/error_histogram.h"
@@ -52,6 +53,7 @@ struct RangeFitOptions {
   /// Fairing: as little bending energy of the range as moves 95 % of the surface by no more than this along rays; 0:
   /// none. Of F, so that nothing shrinks: constants have no energy.
   double fair_mm = 0;
+  Constraints constraints{};  ///< held exactly, over a cylinder only
 };
 
 struct ErrorSummary {
@@ -72,6 +74,7 @@ struct RangeFitReport {
   double z_start_mm = 0, z_end_mm = 0;        ///< band of the surface over a cylinder
   double phi_start_rad = 0, phi_end_rad = 0;  ///< over a sphere; 0 and pi: closed poles
   double cut_below_mm = 0, cut_above_mm = 0;  ///< measured but cut at the rims, along the meridian
+  std::vector<HeldConstraint> constraints{};  ///< that hold exactly
   std::vector<std::string> warnings;          ///< what an operator should know, one sentence each
 };
 
