@@ -58,6 +58,7 @@ void put_surface(Json& json, const RangeFit& fit) {
   json["coverage"] = r.coverage;
   json["decided_by"] = r.decided_by;
   json["stopped_by"] = r.stopped_by;
+  if (!r.poles.empty()) json["poles"] = r.poles;
   json["frame"] = {{"origin", to_json(Eigen::Vector3d(base.X_WB.translation()))},
                    {"z", to_json(Eigen::Vector3d(base.X_WB.linear().col(2)))}};
   if (base.spherical()) {
