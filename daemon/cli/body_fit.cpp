@@ -1,9 +1,13 @@
 #include "daemon/cli/body_fit.h"
 
 #include <algorithm>
+#include <memory>
 #include <utility>
+#include <vector>
 
 #include "daemon/cli/fit_outputs.h"
+#include "daemon/thread_executor.h"
+#include "fitting/moved_stream.h"
 #include "fitting/own_frame.h"
 #include "fitting/spherical_stream.h"
 #include "fitting/symmetry.h"
@@ -68,8 +72,8 @@ std::optional<Eigen::Isometry3d> BodyFit::better_axis() const {
   return wall() == nullptr || wall_is_round() ? std::nullopt : axis_of_sections(wall()->function);
 }
 
-tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, RangeFitOptions options,
-                                             const FitSetting& setting, ResultNotes& notes) {
+tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
+                                             RangeFitOptions options, const FitSetting& setting, ResultNotes& notes) {
   if (shape.shape == BodyShape::composite) {
     auto composite = fit_composite(samples, shape.split, options);
     if (!composite) return tl::make_unexpected(composite.error().message);
@@ -78,26 +82,29 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
     return BodyFit{std::move(*composite)};
   }
   if (setting.symmetry.any()) return fit_symmetric_body(samples, options, setting, notes);
-  SphericalStream spherical(samples, shape.centre_z_mm);
   const bool sphere = shape.shape == BodyShape::sphere;
-  ProfileStream& stream = sphere ? static_cast<ProfileStream&>(spherical) : samples;
+  std::vector<std::unique_ptr<SphericalStream>> spherical;
+  std::vector<ProfileStream*> whole(parts.begin(), parts.end());
+  for (ProfileStream*& part : whole)
+    if (sphere) part = spherical.emplace_back(std::make_unique<SphericalStream>(*part, shape.centre_z_mm)).get();
+  JoinedStream stream(whole);
   options.base = sphere ? BaseKind::sphere : BaseKind::cylinder;
   const auto grid = choose_grid(stream, options);
   if (!grid) return tl::make_unexpected(grid.error().message);
   setting.lap("read");
-  const GatheredSamples gathered = gather(stream, *grid);
+  const GatheredSamples gathered = gather(whole, *grid, run_on_all_cores);
   setting.lap("accumulate");
-  ProfileStream* const whole[] = {&stream};
-  auto surface = fit_surface(gathered.sums, gathered.look, whole, options);
+  auto surface = fit_surface(gathered.sums, gathered.look, whole, options, run_on_all_cores);
   if (!surface) return tl::make_unexpected(surface.error().message);
-  if (auto own = setting.off_centre_rule ? fit_in_own_frame(*surface, gathered.look, whole, options) : std::nullopt) {
+  if (auto own = setting.off_centre_rule ? fit_in_own_frame(*surface, gathered.look, whole, options, run_on_all_cores)
+                                         : std::nullopt) {
     notes.about_scanner_axis = surface->fit.report;
     notes.own_axis = own->frame;
     notes.warnings.insert(notes.warnings.end(), own->frame.warnings.begin(), own->frame.warnings.end());
     setting.lap("axis");
-    return BodyFit{measure_errors(std::move(own->surface), own->samples.streams())};
+    return BodyFit{measure_errors(std::move(own->surface), own->samples.streams(), run_on_all_cores)};
   }
-  RangeFit fitted = measure_errors(std::move(*surface), whole);
+  RangeFit fitted = measure_errors(std::move(*surface), whole, run_on_all_cores);
   Eigen::Isometry3d X_WB = setting.X_WL;
   if (sphere) X_WB.translate(Eigen::Vector3d(0, 0, shape.centre_z_mm));
   if (!X_WB.matrix().isIdentity(0)) place(fitted, X_WB);

@@ -210,7 +210,7 @@ int fit(const FitArguments& arguments) {
                        .off_centre_rule = native && !arguments.axis_named && arguments.turned_over.empty(),
                        .symmetry = symmetry_of(arguments.known),
                        .lap = lap};
-    return fit_shape(*shape, input->samples(), options, setting, notes);
+    return fit_shape(*shape, input->samples(), input->parts(), options, setting, notes);
   };
   auto fitted = fit_as_it_lies();
   if (fitted && !arguments.turned_over.empty()) {

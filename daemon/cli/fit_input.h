@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <tl/expected.hpp>
 
@@ -28,8 +29,10 @@ class FitInput {
   /// Errors: sentences that name the file.
   static tl::expected<FitInput, std::string> open(const std::filesystem::path& file, const CloudOptions& options);
 
-  ProfileStream& samples() { return *stream_; }
-  CloudColumns columns() const { return first_->columns(); }
+  ProfileStream& samples() { return *joined_; }
+  /// The same in parts that can be read side by side.
+  ProfileParts parts() const { return *parts_; }
+  CloudColumns columns() const { return files_.front()->columns(); }
   /// The samples' own frame, from an even sample.
   tl::expected<LocalFrame, std::string> own_frame();
   /// From now on in the frame L of the first file's S.
@@ -51,10 +54,9 @@ class FitInput {
   CloudOptions options_;
   std::optional<Eigen::Isometry3d> X_SL_;  // nullopt: as the file lies
   Eigen::Isometry3d X_S2_ = Eigen::Isometry3d::Identity();
-  std::unique_ptr<CloudFile> first_, second_;
+  std::vector<std::unique_ptr<CloudFile>> files_;  // parts of the first file, then of the second
   std::unique_ptr<std::vector<ProfileStream*>> parts_;
   std::unique_ptr<ProfileStream> joined_;
-  ProfileStream* stream_ = nullptr;
 };
 
 }  // namespace celadon::cli
