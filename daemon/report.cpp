@@ -138,6 +138,9 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
                            {"shift_sd_mm", pose.shift_sd_mm},
                            {"turn_sd_rad", pose.turn_sd_rad}};
   }
+  if (notes.raised)
+    json["raised"] = {
+        {"asked_mm", notes.raised->asked_mm}, {"lift_mm", notes.raised->lift_mm}, {"sd_mm", notes.raised->sd_mm}};
   if (notes.symmetry) {
     json["symmetry"] = {{"fold", notes.symmetry->fold}};
     if (notes.symmetry->mirrored) json["symmetry"]["mirror_plane_rad"] = notes.symmetry->plane_rad;

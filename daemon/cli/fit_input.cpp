@@ -71,6 +71,7 @@ tl::expected<void, std::string> FitInput::reopen() {
     return {};
   };
   if (auto added = add(first_file_); !added) return added;
+  first_parts_ = files.size();
   if (!second_file_.empty()) {
     options.X_SF = X_LS * X_S2_ * with_axis_up(options_.axis);
     if (auto added = add(second_file_); !added) return added;
@@ -115,6 +116,28 @@ tl::expected<PoseAlignment, std::string> FitInput::add_turned_over(const std::fi
   X_S2_ = pose->X_12 * X_S2;
   if (auto opened = reopen(); !opened) return tl::make_unexpected(opened.error());
   return *pose;
+}
+
+tl::expected<void, std::string> FitInput::add_raised(const std::filesystem::path& file, double lift_mm) {
+  second_file_ = file;
+  X_S2_ = Eigen::Isometry3d(Eigen::Translation3d(0, 0, -lift_mm));
+  return reopen();
+}
+
+tl::expected<JointPose, std::string> FitInput::refine_second(const RangeFunction& wall, PoseFreedom freedom,
+                                                             double noise_mm) {
+  const Eigen::Isometry3d X_SL = X_SL_.value_or(Eigen::Isometry3d::Identity());
+  BaseSurface base = wall.base();
+  base.X_WB = X_SL.inverse() * base.X_WB;
+  const RangeFunction wall_L(base, wall.degree_u(), wall.degree_v(), wall.knots_u(), wall.knots_v(),
+                             wall.coefficients());
+  const ProfileParts all(*parts_);
+  JoinedStream first(all.first(first_parts_)), second(all.subspan(first_parts_));
+  auto joint = refine_pose(wall_L, first, second, freedom, noise_mm);
+  if (!joint) return tl::make_unexpected("'" + second_file_.string() + "': " + joint.error().message);
+  X_S2_ = X_SL * joint->X_12 * X_SL.inverse() * X_S2_;
+  if (auto opened = reopen(); !opened) return tl::make_unexpected(opened.error());
+  return *joint;
 }
 
 std::string FitInput::error() const {

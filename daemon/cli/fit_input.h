@@ -11,6 +11,7 @@
 #include <tl/expected.hpp>
 
 #include "daemon/files/cloud_files.h"
+#include "fitting/joint_pose.h"
 #include "fitting/local_frame.h"
 #include "fitting/moved_stream.h"
 #include "fitting/range_function.h"
@@ -42,6 +43,12 @@ class FitInput {
   tl::expected<PoseAlignment, std::string> add_turned_over(const std::filesystem::path& file, const RangeFunction& wall,
                                                            const std::optional<LocalFrame>& about_own_axis);
 
+  /// The same object, raised by a lift along the axis when the file was made, joins.
+  tl::expected<void, std::string> add_raised(const std::filesystem::path& file, double lift_mm);
+  /// The second file's pose and the surface of both, refined together. @pre there is a second file, `wall` (in S) was
+  /// fitted here
+  tl::expected<JointPose, std::string> refine_second(const RangeFunction& wall, PoseFreedom freedom, double noise_mm);
+
   /// What the last pass met; empty: nothing.
   std::string error() const;
   std::uint64_t skipped() const;
@@ -55,6 +62,7 @@ class FitInput {
   std::optional<Eigen::Isometry3d> X_SL_;  // nullopt: as the file lies
   Eigen::Isometry3d X_S2_ = Eigen::Isometry3d::Identity();
   std::vector<std::unique_ptr<CloudFile>> files_;  // parts of the first file, then of the second
+  std::size_t first_parts_ = 0;
   std::unique_ptr<std::vector<ProfileStream*>> parts_;
   std::unique_ptr<ProfileStream> joined_;
 };

@@ -82,6 +82,11 @@ std::string summary_of(const json& report) {
     text.pop_back();
     text += length(pose["scale_mm"]) + "; raised to " + length(pose["shift_sd_mm"]) + "\n";
   }
+  if (report.contains("raised")) {
+    const auto& raised = report["raised"];
+    text += line("  heights     two: raised by %.4f mm, standard deviation %.2g mm (said: %.4f mm)",
+                 raised["lift_mm"].get<double>(), raised["sd_mm"].get<double>(), raised["asked_mm"].get<double>());
+  }
   if (report.contains("symmetry")) {
     const auto& symmetry = report["symmetry"];
     text += line("  symmetry    %d-fold", symmetry["fold"].get<int>());
