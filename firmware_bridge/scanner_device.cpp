@@ -184,7 +184,7 @@ struct ScannerDevice::Impl {
         return tl::unexpected(
             error(Kind::timed_out, operation,
                   "it was not finished within " + std::to_string(limit_ns / kMillisecond_ns) + " ms"));
-      link.clock().sleep_until(std::min(now_ns() + kPollPeriod_ns, deadline_ns));
+      link.wait_until(std::min(now_ns() + kPollPeriod_ns, deadline_ns));
     }
   }
 
@@ -360,6 +360,14 @@ tl::expected<DeviceStatus, DeviceError> ScannerDevice::poll() {
 
 std::uint16_t ScannerDevice::take_button_presses() {
   return std::exchange(impl_->presses, std::uint16_t{0});
+}
+
+void ScannerDevice::wait_until(std::int64_t time_ns) {
+  impl_->link.wait_until(time_ns);
+}
+
+std::size_t ScannerDevice::take_trace(std::span<TraceSample> samples) {
+  return impl_->link.take_trace(samples);
 }
 
 void ScannerDevice::set_interrupt(std::function<bool()> interrupted) {
