@@ -362,8 +362,12 @@ std::uint16_t ScannerDevice::take_button_presses() {
   return std::exchange(impl_->presses, std::uint16_t{0});
 }
 
-void ScannerDevice::wait_until(std::int64_t time_ns) {
-  impl_->link.wait_until(time_ns);
+bool ScannerDevice::tells_changes() const {
+  return impl_->link.tells_changes();
+}
+
+bool ScannerDevice::changed() {
+  return impl_->link.changed();
 }
 
 std::size_t ScannerDevice::take_trace(std::span<TraceSample> samples) {

@@ -84,9 +84,10 @@ class ScannerDevice {
   /// open() do not count, those after a restart of the controller do.
   std::uint16_t take_button_presses();
 
-  /// Waits on the clock until that time; ends earlier where the controller tells of a change by itself (button, fault,
-  /// motion). poll() says what it was.
-  void wait_until(std::int64_t time_ns);
+  /// Whether the controller tells of changes (button, fault, motion) by itself.
+  bool tells_changes() const;
+  /// Whether it told of one since the last call, or is gone; poll() says what it was. Never waits.
+  bool changed();
   /// Position samples that the controller sent by itself since the last call, oldest first; none where it does not.
   std::size_t take_trace(std::span<TraceSample> samples);
 

@@ -1,0 +1,173 @@
+// Scans whose controller and camera are a USB device of the guest's kernel: usbfs and libusb, uvcvideo and V4L2,
+// nothing of ours between them. The device is celadon-sim, plugged into vhci-hcd.
+#include <gtest/gtest.h>
+#include <sys/inotify.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <ctime>
+#include <fstream>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "tests/integration/process.h"
+#include "tests/integration/station.h"
+
+namespace celadon::testing {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+// Small pictures: each is drawn under emulation, and a frame has to take less than the laser's lease of half a second.
+const std::vector<std::string> kSmallMachine = {"--width", "256", "--height", "208", "--fps", "8"};
+constexpr int kProfiles = 24;
+// A body off the axis: a picture of another table angle would be measured as another radius.
+constexpr const char* kScene = "cylinder-off";
+constexpr const char* kVideo = "/dev/video0";
+
+/// Waits until a video node is there, or gone; looks again whenever a node comes or goes.
+void wait_for_video(bool there) {
+  const int watch = ::inotify_init1(IN_CLOEXEC);
+  if (::inotify_add_watch(watch, "/dev", IN_CREATE | IN_DELETE) < 0) throw std::runtime_error("no news of /dev");
+  while (fs::exists(kVideo) != there) {
+    std::array<char, 4096> events{};
+    if (::read(watch, events.data(), events.size()) < 0 && errno != EINTR) throw std::runtime_error("no news of /dev");
+  }
+  ::close(watch);
+}
+
+double seconds() {
+  timespec t{};
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+struct Plugged : Station {
+  Plugged() : Station(kScene, kSmallMachine, Link::usb, Time::real) {
+    camera = std::string("v4l2:") + kVideo;
+    wait_for_video(true);
+    const auto config = folder.write(
+        "celadond.toml", "[scan]\nmode = \"step\"\nprofiles = " + std::to_string(kProfiles) + "\nexposure_ms = 4\n");
+    start_daemon({"--config", config});
+  }
+  ~Plugged() {
+    daemon.reset();
+    simulator->signal(SIGTERM);
+    simulator->wait();
+    wait_for_video(false);
+  }
+  Outcome simulate(std::vector<std::string> words) const {
+    words.insert(words.begin(), "celadon-sim");
+    words.insert(words.end(), {"--socket-dir", folder.path()});
+    return run(words);
+  }
+};
+
+struct Errors {
+  double rms_mm = 0, max_mm = 0;
+  int points = 0;
+};
+
+/// Distance from the axis of the scanned surface's points less that of the scene's, over the surface's whole band.
+Errors errors_of(const std::string& surface, const Station& station) {
+  const auto csv = run({"celadon", "evaluate", surface, "--angles", "0:15:345"});
+  EXPECT_EQ(csv.exit_code, 0) << csv.err;
+  std::istringstream lines(csv.out);
+  std::string line, name;
+  std::getline(lines, line);
+  int x_column = 0;
+  for (std::istringstream names(line); std::getline(names, name, ',') && name != "x_mm";) ++x_column;
+  Errors e;
+  while (std::getline(lines, line)) {
+    std::vector<double> values;
+    for (std::istringstream fields(line); std::getline(fields, name, ',');) values.push_back(std::stod(name));
+    const double* const p = values.data() + x_column;
+    char request[96];
+    std::snprintf(request, sizeof request, "truth %.17g %.17g", std::atan2(p[1], p[0]), p[2]);
+    const double error = std::hypot(p[0], p[1]) - ask_simulator(station.folder.path(), request)["r_mm"].get<double>();
+    e.rms_mm += error * error;
+    e.max_mm = std::max(e.max_mm, std::abs(error));
+    ++e.points;
+  }
+  e.rms_mm = std::sqrt(e.rms_mm / std::max(e.points, 1));
+  return e;
+}
+
+/// Profiles in the logs of a store (daemon/PROFILE_LOG.md).
+int profiles_kept(const fs::path& store) {
+  int profiles = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(store)) {
+    if (entry.path().filename() != "profiles.log") continue;
+    const std::string log = read_file(entry.path());
+    const auto u32 = [&](std::size_t at) {
+      std::uint32_t value = 0;
+      std::memcpy(&value, log.data() + at, sizeof value);
+      return value;
+    };
+    for (std::size_t at = 16; at + 24 <= log.size(); at += 24 + (u32(at + 8) + 7) / 8 * 8) {
+      if ((u32(at + 4) & 0xffff) == 3) ++profiles;
+    }
+  }
+  return profiles;
+}
+
+TEST(GuestUsbScan, APressToldByUsbBecomesASolidCloseToTheTruth) {
+  const double begun = seconds();
+  const Plugged station;
+  Program watch({"celadon", "watch", "--server", station.server(), "--json", "-o", station.folder / "out"});
+  ASSERT_EQ(station.simulate({"press"}).exit_code, 0);
+  const auto outcome = watch.wait();
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err << outcome.out;
+  EXPECT_NE(outcome.out.find("\"requested_by\":\"button\""), std::string::npos);
+  const json report = json::parse(read_file(station.folder / "out" / "report.json"));
+  EXPECT_GE(report["scan"]["profiles"].get<int>(), kProfiles);
+  EXPECT_EQ(report["solid"]["valid"], true);
+  EXPECT_EQ(report["simulated"], true);
+  const Errors e = errors_of(station.folder / "out" / "surface.json", station);
+  std::printf("%.1f s; radius less truth: %.4f mm RMS, %.4f mm at most, at %d points of a %s surface; %s\n",
+              seconds() - begun, e.rms_mm, e.max_mm, e.points, report["model"].get<std::string>().c_str(),
+              report["scan"].dump().c_str());
+  EXPECT_GT(e.points, 400);
+  EXPECT_LT(e.max_mm, 0.04) << "one picture late: 0.07";
+  EXPECT_TRUE(laser_off(station.state()));
+}
+
+TEST(GuestUsbScan, PulledOutInTheMiddleItSaysSoKeepsItsProfilesAndScansAgainWhenPluggedIn) {
+  const double begun = seconds();
+  const Plugged station;
+  Program scan({"celadon", "scan", "--server", station.server(), "--json"});
+  ASSERT_TRUE(scan.wait_for_output("\"state\":\"scanning\"")) << scan.wait().err;
+  while (profiles_kept(station.folder / "store") < 3 && scan.wait_for_output("\n")) {
+  }
+  ASSERT_EQ(station.simulate({"fault", "usb-unplug"}).exit_code, 0);
+  const auto cut = scan.wait();
+  EXPECT_NE(cut.exit_code, 0);
+  EXPECT_NE(cut.err.find("unplugged"), std::string::npos) << cut.err << cut.out;
+  const int kept = profiles_kept(station.folder / "store");
+  EXPECT_GE(kept, 3);
+  wait_for_video(false);
+  const json pulled = station.state();
+  EXPECT_TRUE(laser_off(pulled) || pulled["lease_left_ms"].get<int>() <= 500) << pulled;
+
+  ASSERT_EQ(station.simulate({"clear", "usb-unplug"}).exit_code, 0);
+  wait_for_video(true);
+  std::string status;
+  while (status.find("\"connected\":true") == std::string::npos)
+    status = run({"celadon", "status", "--server", station.server(), "--json"}).out;
+  const auto again = run({"celadon", "scan", "--server", station.server(), "--json", "-o", station.folder / "out"});
+  ASSERT_EQ(again.exit_code, 0) << again.err << again.out;
+  const json report = json::parse(read_file(station.folder / "out" / "report.json"));
+  EXPECT_EQ(report["solid"]["valid"], true);
+  EXPECT_TRUE(laser_off(station.state()));
+  std::printf("%.1f s; %d profiles kept of the interrupted scan, told: %s", seconds() - begun, kept, cut.err.c_str());
+}
+
+}  // namespace
+}  // namespace celadon::testing
