@@ -127,7 +127,7 @@ TEST(GuestUsbScan, PulledOutInTheMiddleItSaysSoKeepsItsProfilesAndScansAgainWhen
   const double begun = seconds();
   const Plugged station;
   const std::vector<std::string> words = {
-      "celadon",    "scan", "--server", station.server(),      "--json", "--mode", "step", "--profiles", "12",
+      "celadon",    "scan", "--server", station.server(),      "--json", "--mode", "step", "--profiles", "16",
       "--exposure", "4",    "-o",       station.folder / "out"};
   Program scan(words);
   ASSERT_TRUE(scan.wait_for_output("\"state\":\"scanning\"")) << scan.wait().err;

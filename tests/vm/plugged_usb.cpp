@@ -54,7 +54,8 @@ void PluggedUsb::serve() {
     const bool more = !session.output().empty();
     std::array<pollfd, 2> polls{pollfd{stop_.get(), POLLIN, 0},
                                 pollfd{socket_.get(), static_cast<short>(more ? POLLIN | POLLOUT : POLLIN), 0}};
-    if (::poll(polls.data(), polls.size(), -1) < 0) continue;
+    constexpr int kLook_ms = 2;  // what the device has of itself
+    if (::poll(polls.data(), polls.size(), kLook_ms) < 0) continue;
     if (polls[0].revents != 0) return;
     const std::lock_guard lock(mutex_);
     const ssize_t got = ::recv(socket_.get(), bytes.data(), bytes.size(), MSG_DONTWAIT);

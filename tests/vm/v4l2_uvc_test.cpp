@@ -14,6 +14,7 @@
 #include <memory>
 
 #include "acquisition/frame.h"
+#include "sim/pacer.h"
 #include "sim/uvc_camera.h"
 #include "tests/sim/pattern_sensor.h"
 #include "tests/vm/plugged_usb.h"
@@ -27,6 +28,22 @@ constexpr int kWidth = 320, kHeight = 240;
 /// The capture node; uvcvideo makes another for metadata.
 constexpr const char* kNode = "/dev/video0";
 
+/// Begins a picture every 20 ms, as sensors do: of pictures that come without a pause the driver, which copies them in
+/// several threads, may finish the second before the first.
+class PacedSensor final : public sim::PatternSensor {
+ public:
+  using PatternSensor::PatternSensor;
+  bool begin_picture() override {
+    const std::int64_t now_ns = sim::monotonic_ns();
+    if (now_ns < next_ns_) return false;
+    next_ns_ = now_ns + 20'000'000;
+    return true;
+  }
+
+ private:
+  std::int64_t next_ns_ = 0;
+};
+
 /// Sees another pattern in every frame.
 class Camera {
  public:
@@ -36,7 +53,7 @@ class Camera {
   void unplug() { usb_.unplug(); }
 
  private:
-  sim::PatternSensor sensor_{kWidth, kHeight};
+  PacedSensor sensor_{kWidth, kHeight};
   sim::UvcCamera camera_{sensor_, 15'600'000};
   sim::UsbDevice device_{{0x1209, 0x0001, "Celadon", "Test Camera", "CAM001"}, {&camera_}};
   PluggedUsb usb_{device_, kNode};
