@@ -97,7 +97,8 @@ struct ScannerDevice::Impl {
     if (cause.kind == Kind::refused && cause.code == static_cast<int>(protocol::Exception::refused)) {
       if (refresh()) return refusal(operation, last->refusal);
     }
-    if (cause.kind == Kind::lost || cause.kind == Kind::timed_out || cause.kind == Kind::broken_reply)
+    if (cause.kind == Kind::lost || cause.kind == Kind::timed_out || cause.kind == Kind::broken_reply ||
+        cause.kind == Kind::not_found)
       link_is_up = false;
     const bool silent = cause.kind == Kind::timed_out;
     return error(cause.kind, operation, std::move(cause.cause),

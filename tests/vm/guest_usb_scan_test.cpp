@@ -4,8 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
-#include <ctime>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -13,6 +11,7 @@
 #include "tests/integration/process.h"
 #include "tests/integration/station.h"
 #include "tests/vm/plugged_usb.h"
+#include "tests/vm/profiles_kept.h"
 
 namespace celadon::testing {
 namespace {
@@ -26,12 +25,6 @@ constexpr int kProfiles = 24;
 // A body off the axis: a picture of another table angle would be measured as another radius.
 constexpr const char* kScene = "cylinder-off";
 constexpr const char* kVideo = "/dev/video0";
-
-double seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
-}
 
 struct Plugged : Station {
   Plugged() : Station(kScene, kSmallMachine, Link::usb, Time::real) {
@@ -84,26 +77,8 @@ Errors errors_of(const std::string& surface, const Station& station) {
   return e;
 }
 
-/// Profiles in the logs of a store (daemon/PROFILE_LOG.md).
-int profiles_kept(const fs::path& store) {
-  int profiles = 0;
-  for (const auto& entry : fs::recursive_directory_iterator(store)) {
-    if (entry.path().filename() != "profiles.log") continue;
-    const std::string log = read_file(entry.path());
-    const auto u32 = [&](std::size_t at) {
-      std::uint32_t value = 0;
-      std::memcpy(&value, log.data() + at, sizeof value);
-      return value;
-    };
-    for (std::size_t at = 16; at + 24 <= log.size(); at += 24 + (u32(at + 8) + 7) / 8 * 8) {
-      if ((u32(at + 4) & 0xffff) == 3) ++profiles;
-    }
-  }
-  return profiles;
-}
-
 TEST(GuestUsbScan, APressToldByUsbBecomesASolidCloseToTheTruth) {
-  const double begun = seconds();
+  const double begun = seconds_now();
   const Plugged station;
   Program watch({"celadon", "watch", "--server", station.server(), "--json", "-o", station.folder / "out"});
   ASSERT_EQ(station.simulate({"press"}).exit_code, 0);
@@ -116,7 +91,7 @@ TEST(GuestUsbScan, APressToldByUsbBecomesASolidCloseToTheTruth) {
   EXPECT_EQ(report["simulated"], true);
   const Errors e = errors_of(station.folder / "out" / "surface.json", station);
   std::printf("%.1f s; radius less truth: %.4f mm RMS, %.4f mm at most, at %d points of a %s surface; %s\n",
-              seconds() - begun, e.rms_mm, e.max_mm, e.points, report["model"].get<std::string>().c_str(),
+              seconds_now() - begun, e.rms_mm, e.max_mm, e.points, report["model"].get<std::string>().c_str(),
               report["scan"].dump().c_str());
   EXPECT_GT(e.points, 400);
   EXPECT_LT(e.max_mm, 0.04) << "one picture late: 0.07";
@@ -124,7 +99,7 @@ TEST(GuestUsbScan, APressToldByUsbBecomesASolidCloseToTheTruth) {
 }
 
 TEST(GuestUsbScan, PulledOutInTheMiddleItSaysSoKeepsItsProfilesAndScansAgainWhenPluggedIn) {
-  const double begun = seconds();
+  const double begun = seconds_now();
   const Plugged station;
   const std::vector<std::string> words = {
       "celadon",    "scan", "--server", station.server(),      "--json", "--mode", "step", "--profiles", "16",
@@ -156,7 +131,8 @@ TEST(GuestUsbScan, PulledOutInTheMiddleItSaysSoKeepsItsProfilesAndScansAgainWhen
   const json report = json::parse(read_file(station.folder / "out" / "report.json"));
   EXPECT_EQ(report["solid"]["valid"], true);
   EXPECT_TRUE(laser_off(station.state()));
-  std::printf("%.1f s; %d profiles kept of the interrupted scan, told: %s", seconds() - begun, kept, cut.err.c_str());
+  std::printf("%.1f s; %d profiles kept of the interrupted scan, told: %s", seconds_now() - begun, kept,
+              cut.err.c_str());
 }
 
 }  // namespace
