@@ -13,6 +13,7 @@
 #include "fitting/composite_fit.h"
 #include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
+#include "fitting/symmetry.h"
 #include "fitting/turned_over.h"
 
 namespace celadon {
@@ -55,6 +56,7 @@ struct ResultNotes {
   std::string shape_reason;                  ///< why this base was chosen; empty: as it was named
   std::optional<LocalFrame> own_axis;        ///< how the surface's frame was found, if it was looked for
   std::optional<PoseAlignment> turned_over;  ///< how the object's second pose was found
+  std::optional<Symmetry> symmetry;          ///< that the surface was made to have
   /// Of a part that stands off the scanner's axis: what it was about that one.
   std::optional<RangeFitReport> about_scanner_axis;
 };

@@ -3,19 +3,43 @@
 #include <algorithm>
 #include <utility>
 
+#include "daemon/cli/fit_outputs.h"
 #include "fitting/own_frame.h"
 #include "fitting/spherical_stream.h"
+#include "fitting/symmetry.h"
 
 namespace celadon::cli {
 namespace {
 
-// A fit of samples in a local frame as a surface in the frame outside.
-void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL) {
-  const RangeFunction& f = fitted.function;
-  BaseSurface base = f.base();
-  base.X_WB = X_WL * base.X_WB;
-  fitted.function = RangeFunction(base, f.degree_u(), f.degree_v(), f.knots_u(), f.knots_v(), f.coefficients());
-  fitted.surface = symbolic_product(fitted.function);
+// One sector of the body from all samples, and the whole of it from that.
+tl::expected<RangeFit, FitError> fit_symmetric(ProfileStream& samples, const Symmetry& symmetry,
+                                               RangeFitOptions options) {
+  FoldedStream folded(samples, symmetry);
+  options.arcs = symmetry.sector();
+  auto sector = fit_samples(folded, options);
+  if (!sector) return sector;
+  return unfolded(std::move(*sector), symmetry);
+}
+
+tl::expected<BodyFit, std::string> fit_symmetric_body(ProfileStream& samples, const RangeFitOptions& options,
+                                                      const FitSetting& setting, ResultNotes& notes) {
+  Symmetry symmetry{.fold = setting.symmetry.fold, .mirrored = false, .plane_rad = 0};
+  if (setting.symmetry.mirrored && !setting.symmetry.plane_rad) {
+    const auto without = fit_symmetric(samples, symmetry, options);
+    if (!without) return tl::make_unexpected(without.error().message);
+    const auto plane = find_mirror_plane(without->function, symmetry.fold);
+    if (!plane) return tl::make_unexpected(plane.error().message);
+    symmetry.plane_rad = *plane;
+    setting.lap("mirror");
+  }
+  symmetry.mirrored = setting.symmetry.mirrored;
+  if (setting.symmetry.plane_rad) symmetry.plane_rad = *setting.symmetry.plane_rad;
+  auto fitted = fit_symmetric(samples, symmetry, options);
+  if (!fitted) return tl::make_unexpected(fitted.error().message);
+  if (!setting.X_WL.matrix().isIdentity(0)) place(*fitted, setting.X_WL);
+  notes.symmetry = symmetry;
+  setting.lap("fit");
+  return BodyFit{std::move(*fitted)};
 }
 
 }  // namespace
@@ -53,6 +77,7 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
     setting.lap("fit");
     return BodyFit{std::move(*composite)};
   }
+  if (setting.symmetry.any()) return fit_symmetric_body(samples, options, setting, notes);
   SphericalStream spherical(samples, shape.centre_z_mm);
   const bool sphere = shape.shape == BodyShape::sphere;
   ProfileStream& stream = sphere ? static_cast<ProfileStream&>(spherical) : samples;

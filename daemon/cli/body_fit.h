@@ -10,6 +10,7 @@
 
 #include <tl/expected.hpp>
 
+#include "daemon/cli/constraint_options.h"
 #include "daemon/report.h"
 #include "fitting/composite_fit.h"
 #include "fitting/range_fit.h"
@@ -32,6 +33,7 @@ struct BodyFit {
 struct FitSetting {
   Eigen::Isometry3d X_WL = Eigen::Isometry3d::Identity();  ///< samples are in L, surfaces in W
   bool off_centre_rule = false;                            ///< a part may be fitted about its own axis
+  SymmetryRequest symmetry{};                              ///< of a body over a cylinder
   std::function<void(const char* stage)> lap;              ///< ends a stage
 };
 

@@ -11,6 +11,7 @@
 
 #include "daemon/cli/body_fit.h"
 #include "daemon/cli/commands.h"
+#include "daemon/cli/constraint_options.h"
 #include "daemon/cli/fit_input.h"
 #include "daemon/cli/fit_outputs.h"
 #include "daemon/cli/model_option.h"
@@ -36,6 +37,7 @@ struct FitArguments {
   std::optional<double> centre_z_mm, split_above_mm, split_below_mm;
   std::vector<int> degree = {3, 3}, knots;
   std::string grid, write_grid;
+  ConstraintArguments known;
   bool axis_named = false, ap214 = false, json = false, partial = false;
   std::vector<std::string> named;  ///< options that were
   bool names(const char* option) const { return std::find(named.begin(), named.end(), option) != named.end(); }
@@ -89,6 +91,12 @@ std::string contradiction(const FitArguments& arguments) {
     return "--partial needs the grid that all parts share; name it with --grid (celadon fit --write-grid makes one)";
   if (arguments.partial && (arguments.outputs.size() != 1 || !arguments.report.empty()))
     return "--partial writes one file; name it with -o FILE.part";
+  if (arguments.known.any() && arguments.shape != "cylinder")
+    return "--fix-radius, --fix-angle-below, --fix-angle-above, --symmetry and --mirror are for --shape cylinder; "
+           "leave "
+           "them out or change the shape";
+  if (symmetry_of(arguments.known).any() && !(arguments.grid.empty() && arguments.write_grid.empty()))
+    return "--symmetry and --mirror do not go with a grid of the whole turn; leave them or the grid out";
   if (!arguments.grid.empty())
     for (const char* fixed : {"--shape", "--split-above", "--split-below", "--centre-z", "--axis", "--degree",
                               "--knots", "--write-grid", "--turned-over"})
@@ -116,7 +124,11 @@ int fit_with_grid(const FitArguments& arguments) {
   auto input = open_on_grid(arguments.input, arguments.grid, unit);
   if (!input) return fail(2, input.error());
   if (arguments.partial) return write_part(*input, arguments.input, arguments.outputs.front());
-  const auto fitted = fit_on_grid(*input, fit_options(arguments));
+  RangeFitOptions options = fit_options(arguments);
+  const auto constraints = constraints_of(arguments.known);
+  if (!constraints) return fail(2, constraints.error());
+  options.constraints = *constraints;
+  const auto fitted = fit_on_grid(*input, options);
   if (!fitted) return fail(2, "'" + arguments.input + "': " + fitted.error());
   ResultNotes notes;
   notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
@@ -154,6 +166,10 @@ int fit(const FitArguments& arguments) {
   if (!arguments.grid.empty()) return fit_with_grid(arguments);
   const auto outputs = output_files(arguments.outputs, arguments.report);
   if (!outputs) return fail(2, outputs.error());
+  RangeFitOptions options = fit_options(arguments);
+  const auto constraints = constraints_of(arguments.known);
+  if (!constraints) return fail(2, constraints.error());
+  options.constraints = *constraints;
 
   StopWatch watch;
   ResultNotes notes;
@@ -192,8 +208,9 @@ int fit(const FitArguments& arguments) {
     if (!shape->reason.empty()) lap("shape");
     FitSetting setting{.X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity(),
                        .off_centre_rule = native && !arguments.axis_named && arguments.turned_over.empty(),
+                       .symmetry = symmetry_of(arguments.known),
                        .lap = lap};
-    return fit_shape(*shape, input->samples(), fit_options(arguments), setting, notes);
+    return fit_shape(*shape, input->samples(), options, setting, notes);
   };
   auto fitted = fit_as_it_lies();
   if (fitted && !arguments.turned_over.empty()) {
@@ -279,6 +296,7 @@ void add_fit_command(CLI::App& program, Run& run) {
       "native samples rho,phi,theta");
   add_model_options(*command, arguments->model, arguments->tolerance_mm, arguments->form_tolerance_mm,
                     arguments->space);
+  add_constraint_options(*command, arguments->known);
   command
       ->add_option(
           "--axis", arguments->axis,
