@@ -71,6 +71,7 @@ class ScanQueue final : public ScanService {
   void save(const ScanRecord& record) CELADON_REQUIRES(mutex_);
   bool stopping() const CELADON_EXCLUDES(mutex_);
   void sleep(std::chrono::nanoseconds time) CELADON_EXCLUDES(mutex_);
+  void rest() CELADON_EXCLUDES(mutex_);
 
   const Calibration calibration_;
   const ScanQueueOptions options_;

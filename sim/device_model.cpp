@@ -91,6 +91,7 @@ void DeviceModel::tick() {
   while (!presses_.empty() && presses_.front().to_ns <= now_ns_) presses_.pop_front();
   next_tick_ns_ += kTick_ns;
   if (core_) core_->step(controller_us());
+  if (sampled_) sampled_();
 }
 
 void DeviceModel::advance_to(std::int64_t time_ns) {

@@ -9,13 +9,14 @@
 namespace celadon::sim {
 namespace {
 
-constexpr std::array<FaultKind, 23> kKinds{{
+constexpr std::array<FaultKind, 24> kKinds{{
     {"drop-frame", "the next frames are lost", "FRAMES", 1, 1, 1e6, true},
     {"corrupt-frame", "the next frames arrive damaged and flagged", "FRAMES", 1, 0, 1e6, true},
     {"short-frame", "the next frames arrive with half of their bytes, not flagged", "FRAMES", 1, 0, 1e6, true},
     {"stale-frame", "the next frames show the picture of the one before", "FRAMES", 1, 0, 1e6, true},
     {"delay-frames", "frames arrive later", "MS", 100, 0, 60e3, false},
     {"camera-unplug", "the camera is gone (ENODEV) until cleared", "", 0, 0, 0, false},
+    {"usb-unplug", "controller and camera are pulled out of USB until cleared", "", 0, 0, 0, false},
     {"modbus-silent", "requests are done but not answered", "REQUESTS (0: until cleared)", 0, 0, 1e6, true},
     {"modbus-exception", "requests are answered with this exception and not done", "CODE", 4, 1, 11, false},
     {"modbus-late", "answers come late", "MS", 300, 0, 60e3, false},
