@@ -11,6 +11,7 @@
 
 #include "daemon/export/cad_client.h"
 #include "fitting/composite_fit.h"
+#include "fitting/flat_ends.h"
 #include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
 #include "fitting/symmetry.h"
@@ -63,6 +64,7 @@ struct ResultNotes {
   std::string shape_reason;                  ///< why this base was chosen; empty: as it was named
   std::optional<LocalFrame> own_axis;        ///< how the surface's frame was found, if it was looked for
   std::optional<PoseAlignment> turned_over;  ///< how the object's second pose was found
+  FlatEnds flat_ends{};                      ///< faces whose samples were left out of the wall
   std::optional<RaisedPose> raised;          ///< how far the object's second set of samples was raised
   std::optional<Symmetry> symmetry;          ///< that the surface was made to have
   /// Of a part that stands off the scanner's axis: what it was about that one.
