@@ -20,7 +20,7 @@ struct LinkError {
   bool retry_may_help = true;
 };
 
-/// A position sample that the controller sent by itself (PROTOCOL.md, section 9).
+/// A position sample that the controller sent by itself (PROTOCOL.md, USB).
 struct TraceSample {
   std::uint64_t time_us = 0;       ///< the controller's clock
   std::uint32_t counter = 0;       ///< of position samples; a gap shows lost ones

@@ -1,6 +1,6 @@
 #pragma once
 // The device protocol over USB as data: requests, and the records that the controller sends by itself, made of
-// registers of protocol.h. PROTOCOL.md, section 9. Freestanding, as protocol.h.
+// registers of protocol.h. PROTOCOL.md, USB. Freestanding, as protocol.h.
 
 #include "firmware_bridge/protocol.h"
 

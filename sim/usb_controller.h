@@ -1,5 +1,5 @@
 #pragma once
-// The controller as a function of a USB device: PROTOCOL.md, section 9, over the device model.
+// The controller as a function of a USB device: PROTOCOL.md, USB, over the device model.
 
 #include "sim/device_model.h"
 #include "sim/usb_device.h"

@@ -19,7 +19,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   CameraConfig picture;
   picture.width_px = 64;
   picture.height_px = 64;
-  DeviceModel model(default_device(picture));
+  static const DeviceConfig kDevice = [&] {
+    DeviceConfig config = default_device(picture);
+    config.scene = "cylinder";
+    config.date = "2026-01-01T00:00:00Z";
+    return config;
+  }();
+  DeviceModel model(kDevice);
   PatternSensor sensor(24, 16);
   UsbController controller(model);
   UvcCamera camera(sensor, 4'000'000);

@@ -16,7 +16,6 @@
 namespace celadon::testing {
 namespace {
 
-namespace fs = std::filesystem;
 using nlohmann::json;
 
 // Small pictures: each is drawn under emulation, and a frame has to take less than the laser's lease of half a second.
