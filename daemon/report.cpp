@@ -138,6 +138,17 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
                            {"shift_sd_mm", pose.shift_sd_mm},
                            {"turn_sd_rad", pose.turn_sd_rad}};
   }
+  if (notes.flat_ends.any()) {
+    const auto face = [](const FlatEnd& end) {
+      return Json{{"height_mm", end.height_mm}, {"tilt_rad", end.tilt_rad()}, {"share", end.share}};
+    };
+    json["flat_ends"] = Json::object();
+    if (notes.flat_ends.lower) json["flat_ends"]["lower"] = face(*notes.flat_ends.lower);
+    if (notes.flat_ends.upper) json["flat_ends"]["upper"] = face(*notes.flat_ends.upper);
+  }
+  if (notes.raised)
+    json["raised"] = {
+        {"asked_mm", notes.raised->asked_mm}, {"lift_mm", notes.raised->lift_mm}, {"sd_mm", notes.raised->sd_mm}};
   if (notes.symmetry) {
     json["symmetry"] = {{"fold", notes.symmetry->fold}};
     if (notes.symmetry->mirrored) json["symmetry"]["mirror_plane_rad"] = notes.symmetry->plane_rad;

@@ -37,8 +37,9 @@ struct FitSetting {
   std::function<void(const char* stage)> lap;              ///< ends a stage
 };
 
-/// The samples as that shape. A part that was fitted about its own axis is told in the notes.
-tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, RangeFitOptions options,
-                                             const FitSetting& setting, ResultNotes& notes);
+/// The samples, all of them and in parts, as that shape. A part that was fitted about its own axis is told in the
+/// notes.
+tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
+                                             RangeFitOptions options, const FitSetting& setting, ResultNotes& notes);
 
 }  // namespace celadon::cli

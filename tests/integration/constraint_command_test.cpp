@@ -85,5 +85,48 @@ TEST(Constraints, WhatCannotBeIsRefusedInASentence) {
             std::string::npos);
 }
 
+// A tall vase in two heights of a lift that says 80 mm and went 80.12.
+TEST(Raised, TwoHeightsAreOneBody) {
+  TemporaryFolder folder;
+  std::mt19937 random(9);
+  std::normal_distribution<double> normal(0, 0.02);
+  const auto samples = [&](double low, double high, double raised) {
+    std::string text = "r,theta,z\n";
+    for (int i = 0; i < 200; ++i)
+      for (int j = 0; j < 60; ++j) {
+        const double t = 2 * kPi * (i + 0.5) / 200, z = low + (high - low) * j / 59;
+        char line[80];
+        std::snprintf(line, sizeof line, "%.9f,%.9f,%.9f\n",
+                      30 + 6 * std::sin(z / 25) + 1.5 * std::cos(3 * t) + normal(random), t, z + raised);
+        text += line;
+      }
+    return text;
+  };
+  // The machine sees 0 to 120 mm: below, and after lowering the object by 80 mm, above.
+  const auto below = folder.write("below.csv", samples(0, 120, 0)),
+             above = folder.write("above.csv", samples(80, 200, -80.12));
+  const auto outcome = run({"celadon", "fit", below, "--raised", above, "--lift", "-80", "-o", folder / "v.step",
+                            "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("heights     two"), std::string::npos) << outcome.out;
+  const json report = json::parse(read_file(folder / "r.json"));
+  const double sd = report["raised"]["sd_mm"];
+  EXPECT_LT(sd, 0.01);
+  EXPECT_NEAR(report["raised"]["lift_mm"].get<double>(), -80.12, 4 * sd);
+  EXPECT_NEAR(report["noise_mm"].get<double>(), 0.02, 0.001);
+  EXPECT_NEAR(report["band_mm"][1].get<double>(), 200, 0.1);
+  EXPECT_TRUE(report["solid"]["valid"]);
+  // As it was said, the wall does not lie on itself.
+  const auto exact = run({"celadon", "fit", below, "--raised", above, "--lift", "-80", "--lift-exact", "-o",
+                          folder / "w.json", "--report", folder / "e.json"});
+  ASSERT_EQ(exact.exit_code, 0) << exact.err;
+  EXPECT_EQ(json::parse(read_file(folder / "e.json"))["raised"]["sd_mm"], 0);
+  EXPECT_GT(json::parse(read_file(folder / "e.json"))["noise_mm"].get<double>(),
+            1.02 * report["noise_mm"].get<double>());
+  const auto alone = run({"celadon", "fit", below, "--raised", above, "-o", folder / "x.json"});
+  EXPECT_EQ(alone.exit_code, 2);
+  EXPECT_NE(alone.err.find("--raised and --lift go together"), std::string::npos) << alone.err;
+}
+
 }  // namespace
 }  // namespace celadon::testing
