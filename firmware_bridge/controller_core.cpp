@@ -8,6 +8,8 @@ namespace reg = protocol::reg;
 namespace {
 
 constexpr std::uint64_t kNever = ~std::uint64_t{0};
+// Callers in several interrupts may bring slightly older times; a clock that goes back further is broken.
+constexpr std::uint64_t kClockTolerance_us = 10'000;
 
 constexpr std::uint16_t bit(int index) {
   return static_cast<std::uint16_t>(1u << index);
@@ -73,9 +75,12 @@ std::uint16_t ControllerCore::lease_left_ms(int laser) const {
 }
 
 void ControllerCore::sense(std::uint64_t now_us) {
+  const bool went_back = now_us + kClockTolerance_us < now_us_;
   if (now_us > now_us_) now_us_ = now_us;
   inputs_ = plant_.inputs(now_us_);
   for (int i = 0; i < config_.axes; ++i) axes_[i].sample = plant_.axis(i, now_us_);
+  // With a clock that stands still until it has caught up, no lease would end.
+  if (went_back && inputs_.fault == FaultCode::none) inputs_.fault = FaultCode::controller_fault;
   guard();
   for (int i = 0; i < config_.axes; ++i) advance_axis(i);
   debounce();

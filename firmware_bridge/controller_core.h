@@ -84,7 +84,7 @@ struct ControllerConfig {
 };
 
 /// One controller. All calls come from one thread or under one lock. Times are microseconds since its start, never
-/// before an earlier call's (an earlier time is taken as the latest one).
+/// before an earlier call's (an earlier time is taken as the latest one; one 10 ms before it is a controller_fault).
 class ControllerCore {
  public:
   /// @param boot_id differs from the last start's.

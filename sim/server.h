@@ -22,6 +22,7 @@ struct ServerOptions {
   std::filesystem::path modbus_rtu_link;  ///< empty: none
   std::filesystem::path socket_dir;       ///< made if it does not exist
   std::vector<std::string> faults;        ///< NAME[,ARGUMENT][@SECONDS]
+  std::string fault_plan;                 ///< text of a plan, CONTROL.md
 };
 
 class Server {
