@@ -53,6 +53,7 @@ struct ScanStop {
   std::string reason;
   bool device_lost = false, camera_lost = false;  ///< connect again before the next scan
   ScanFailure failure = ScanFailure::device;      ///< of failed
+  bool camera_was_gone = false;                   ///< before the scan began: a new connection may serve it
 };
 
 /// What a finished scan leaves.

@@ -5,6 +5,8 @@
 #include <cstdio>
 #include <span>
 
+#include "daemon/dark_frame.h"
+
 namespace celadon {
 namespace {
 
@@ -60,25 +62,8 @@ tl::expected<std::vector<std::uint8_t>, ScanStop> mean_frame(FrameFeed& feed, Cl
   return mean.mean();
 }
 
-struct Brightness {
-  int lines = 0, saturated = 0;
-  double amplitude = 0;  // mean over the rows with a line
-};
-
-Brightness brightness_of(const std::vector<LineRow>& rows) {
-  Brightness b;
-  for (const LineRow& row : rows) {
-    if (row.status != RowStatus::found && row.status != RowStatus::saturated) continue;
-    ++b.lines;
-    b.saturated += row.status == RowStatus::saturated ? 1 : 0;
-    b.amplitude += row.amplitude;
-  }
-  if (b.lines > 0) b.amplitude /= b.lines;
-  return b;
-}
-
 /// What the line on the object as it stands says of the scan to come.
-tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const Brightness& brightness,
+tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const LineBrightness& brightness,
                                    const FrameInfo& seen, double angle_rad, const ScanVolume& volume,
                                    const Triangulator& triangulator, ScanPreparation& preparation) {
   if (2 * brightness.saturated > brightness.lines) {
@@ -100,6 +85,7 @@ tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const Brigh
   preparation.z_low_mm = *low;
   preparation.z_high_mm = *high;
   preparation.samples = profile.size();
+  preparation.line = brightness;
   return {};
 }
 
@@ -110,6 +96,18 @@ std::string seconds(std::int64_t ns) {
 }
 
 }  // namespace
+
+LineBrightness brightness_of(const std::vector<LineRow>& rows) {
+  LineBrightness b;
+  for (const LineRow& row : rows) {
+    if (row.status != RowStatus::found && row.status != RowStatus::saturated) continue;
+    ++b.lines;
+    b.saturated += row.status == RowStatus::saturated ? 1 : 0;
+    b.amplitude += row.amplitude;
+  }
+  if (b.lines > 0) b.amplitude /= b.lines;
+  return b;
+}
 
 tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanRequest& request,
                                                ScanObserver& observer) {
@@ -155,7 +153,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
   if (auto on = feed.laser_on(); !on) return tl::make_unexpected(on.error());
   const CameraMode mode = equipment.camera.mode();
   std::vector<LineRow> rows(static_cast<std::size_t>(mode.height_px));
-  Brightness last;
+  LineBrightness last;
   FrameInfo seen;
   int steady = 0;
   while (steady < kSteadyFrames) {
@@ -163,12 +161,13 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     if (!frame) return tl::make_unexpected(frame.error());
     seen = frame->info;
     extractor.extract(mode, frame->bytes(), preparation.background, rows);
-    const Brightness now = brightness_of(rows);
+    const LineBrightness now = brightness_of(rows);
     const bool unchanged = now.lines > 0 && std::abs(now.amplitude - last.amplitude) <= kSteady * now.amplitude;
     steady = unchanged ? steady + 1 : 0;
     last = now;
     const std::int64_t waited_ns = equipment.clock.now_ns() - feed.shining_since_ns();
     if (now.lines == 0 && waited_ns > kLineLimit_ns) {
+      if (const auto shines = light_in_background(mode, preparation.background)) return device_failed(*shines);
       return device_failed(
           "No laser line is seen in " + seconds(waited_ns) +
           ": check that the laser shines on the object, that nothing covers the camera, and the exposure (" +
@@ -216,7 +215,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
   preparation.background = dark.mean();
   std::vector<LineRow> rows(static_cast<std::size_t>(camera.mode().height_px));
   extractor.extract(camera.mode(), look.bytes(), preparation.background, rows);
-  const Brightness brightness = brightness_of(rows);
+  const LineBrightness brightness = brightness_of(rows);
   if (brightness.lines == 0) {
     return device_failed("No laser line is seen in frame " + std::to_string(look.info.sequence) +
                          " of the recording; record again with the laser on the object.");

@@ -13,11 +13,18 @@
 
 namespace celadon {
 
+struct LineBrightness {
+  int lines = 0, saturated = 0;  ///< rows
+  double amplitude = 0;          ///< mean over the rows with a line, grey levels
+};
+LineBrightness brightness_of(const std::vector<LineRow>& rows);
+
 /// What was learned before the scan.
 struct ScanPreparation {
   std::vector<std::uint8_t> background;  ///< mean of frames with the laser off, same mode and stride
   double z_low_mm = 0, z_high_mm = 0;    ///< of the line on the object as it stands
   std::size_t samples = 0;               ///< of one profile
+  LineBrightness line;                   ///< of the line on the object as it stands
   std::int64_t warm_up_ns = 0;           ///< from the grant until the line kept its brightness
   std::vector<std::string> warnings;
 };

@@ -166,6 +166,18 @@ tl::expected<void, LinkError> ControllerLink::write(const Register& r, int index
   return with_retries([&] { return transport_->write_holding(address, values); });
 }
 
+tl::expected<void, LinkError> ControllerLink::write_lease(int laser, std::int64_t lease_ms) {
+  const auto address = static_cast<std::uint16_t>(reg::control::laser_lease.address() + laser);
+  const std::int64_t start_ns = clock_.now_ns();
+  return with_retries([&]() -> tl::expected<void, LinkError> {
+    const std::int64_t left_ms = lease_ms - (clock_.now_ns() - start_ns) / 1'000'000;
+    if (left_ms < 1)
+      return tl::unexpected(LinkError{Kind::timed_out, 0, "no complete reply before the lease was over", false});
+    const auto word = static_cast<std::uint16_t>(left_ms);
+    return transport_->write_holding(address, std::span(&word, 1));
+  });
+}
+
 tl::expected<void, LinkError> ControllerLink::write_axis_command(std::uint16_t command, std::uint16_t sequence,
                                                                  std::int64_t target_udeg,
                                                                  std::uint32_t speed_udeg_per_s) {

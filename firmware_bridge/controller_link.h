@@ -37,6 +37,8 @@ class ControllerLink {
   tl::expected<DeviceIdentity, LinkError> read_identity();
   tl::expected<DeviceCapabilities, LinkError> read_capabilities();
   tl::expected<void, LinkError> write(const protocol::Register& r, int index, std::span<const std::uint16_t> values);
+  /// A lease that ends lease_ms from now at the latest, whichever attempt gets through.
+  tl::expected<void, LinkError> write_lease(int laser, std::int64_t lease_ms);
   tl::expected<void, LinkError> write_axis_command(std::uint16_t command, std::uint16_t sequence,
                                                    std::int64_t target_udeg, std::uint32_t speed_udeg_per_s);
 

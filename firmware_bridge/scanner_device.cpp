@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "firmware_bridge/controller_link.h"
+#include "firmware_bridge/status_check.h"
 
 namespace celadon {
 namespace {
@@ -68,7 +69,10 @@ struct ScannerDevice::Impl {
   std::uint16_t presses = 0;   // seen, not yet taken
   bool restarted = false;      // the controller, and the owner has not been told
 
-  std::function<bool()> interrupted;  // the owner's wish to end a motion early
+  std::optional<std::string> jumped;  // clock or position, and the owner has not been told
+  bool position_is_lost = false;      // since such a jump
+
+  std::function<std::optional<std::string>()> interrupted;  // the owner's wish to end a motion early
 
   std::int64_t now_ns() { return link.clock().now_ns(); }
 
@@ -95,7 +99,7 @@ struct ScannerDevice::Impl {
   // A failed exchange of `operation`; reads the controller's own reason where it refused.
   DeviceError failure(const std::string& operation, LinkError cause) {
     if (cause.kind == Kind::refused && cause.code == static_cast<int>(protocol::Exception::refused)) {
-      if (refresh()) return refusal(operation, last->refusal);
+      if (refresh() && last->refusal != Refusal::none) return refusal(operation, last->refusal);
     }
     if (cause.kind == Kind::lost || cause.kind == Kind::timed_out || cause.kind == Kind::broken_reply)
       link_is_up = false;
@@ -118,6 +122,9 @@ struct ScannerDevice::Impl {
       case Refusal::fault:
       case Refusal::cause_persists:
         return fault_error(operation);
+      case Refusal::stopped:
+        return error(Kind::wrong_state, operation,
+                     cause + (last && !last->status.fault_text.empty() ? ", because " + last->status.fault_text : ""));
       case Refusal::unhomed:
         return error(Kind::wrong_state, operation, cause, "home it first");
       default:
@@ -153,15 +160,25 @@ struct ScannerDevice::Impl {
     link_is_up = true;
     if (last) {
       restarted = restarted || block->status.boot_id != last->status.boot_id;
+      if (!restarted) compare_with_last(*block);
       const std::uint16_t seen = restarted ? std::uint16_t{0} : last->status.button_presses;
       const auto fresh = static_cast<std::uint16_t>(block->status.button_presses - seen);
       presses = static_cast<std::uint16_t>(std::min<int>(presses + fresh, 0xFFFF));
     }
     last = std::move(*block);
+    if (position_is_lost) last->status.homed = false;
     // Never backwards: a command given up on may still arrive, and must not carry the next one's number.
     const auto ahead = static_cast<std::int16_t>(last->command_sequence - sequence);
     if (ahead > 0 || restarted) sequence = last->command_sequence;
     return {};
+  }
+
+  void compare_with_last(const StatusBlock& block) {
+    const bool commanded = block.command_sequence != last->command_sequence;
+    auto jump = contradiction(last->status, block.status, commanded, capabilities);
+    if (!jump) return;
+    position_is_lost = position_is_lost || jump->position;
+    jumped = std::move(jump->cause);
   }
 
   tl::expected<void, DeviceError> poll(const std::string& operation) {
@@ -170,6 +187,10 @@ struct ScannerDevice::Impl {
       return tl::unexpected(error(Kind::fault, operation,
                                   "the controller restarted (power-up or reset) and resumed nothing",
                                   "press the button on the machine if it asks for it, then home"));
+    if (jumped) {
+      const std::string cause = *std::exchange(jumped, std::nullopt);
+      return tl::unexpected(error(Kind::fault, operation, cause, "home again"));
+    }
     return {};
   }
 
@@ -223,14 +244,14 @@ struct ScannerDevice::Impl {
 
   // Waits for the end of a motion; one that fails or is interrupted is stopped.
   tl::expected<void, DeviceError> finish_motion(const std::string& operation, std::int64_t limit_ns) {
-    bool cut = false;
+    std::optional<std::string> cut;
     auto ended = wait_until(operation, limit_ns, [&] {
-      cut = in_motion(last->status) && interrupted && interrupted();
+      if (in_motion(last->status) && interrupted) cut = interrupted();
       return cut || !in_motion(last->status);
     });
     if (ended && !cut) return require_standstill(operation);
     make_safe();
-    if (cut) return tl::unexpected(error(Kind::interrupted, operation, "interrupted"));
+    if (cut) return tl::unexpected(error(Kind::interrupted, operation, *cut));
     ended.error().left = state_left();
     return ended;
   }
@@ -296,6 +317,8 @@ struct ScannerDevice::Impl {
     report.text = std::string(was_busy ? "found it active" : "found it at rest") + " (" +
                   state_name(report.motion_was) + ", lasers " + (report.lasers_were_on ? "on" : "off") +
                   "); left it with " + state_left();
+    const bool glued = link_is_up && last->lasers_enabled == 0 && last->status.lasers_on != 0;
+    if (glued) report.text += "; a laser emits although it is switched off";
     if (link_is_up && !(report.lasers_off && report.motor_stopped))
       report.text += "; NOT SAFE: cut the power at the machine";
     return report;
@@ -340,6 +363,7 @@ tl::expected<std::unique_ptr<ScannerDevice>, DeviceError> ScannerDevice::open(st
                                       "cut the power at the machine"));
   impl->presses = 0;
   impl->restarted = false;
+  impl->jumped.reset();
   return std::unique_ptr<ScannerDevice>(new ScannerDevice(std::move(impl)));
 }
 
@@ -362,7 +386,7 @@ std::uint16_t ScannerDevice::take_button_presses() {
   return std::exchange(impl_->presses, std::uint16_t{0});
 }
 
-void ScannerDevice::set_interrupt(std::function<bool()> interrupted) {
+void ScannerDevice::set_interrupt(std::function<std::optional<std::string>()> interrupted) {
   impl_->interrupted = std::move(interrupted);
 }
 
@@ -372,6 +396,7 @@ tl::expected<void, DeviceError> ScannerDevice::home() {
   if (auto ready = d.require(operation, {MotionState::unhomed, MotionState::standstill, MotionState::stopped}); !ready)
     return ready;
   if (auto sent = d.command(operation, protocol::kHome); !sent) return sent;
+  d.position_is_lost = false;
   return d.finish_motion(operation, kHomingLimit_ns);
 }
 
@@ -385,8 +410,10 @@ tl::expected<DeviceStatus, DeviceError> ScannerDevice::rotate_to(double angle_ra
   if (auto ended = d.finish_motion(operation, limit_ns); !ended) return tl::unexpected(std::move(ended.error()));
   const double off_rad = d.last->status.angle_rad - angle_rad;
   if (std::abs(off_rad) > std::max(kOnTarget_rad, 4 * d.capabilities.encoder_resolution_rad))
-    return tl::unexpected(d.error(Kind::fault, operation, "it stands " + degrees(off_rad) + " away from the target",
-                                  "check belt and motor current, or what else stopped it, then home again"));
+    return tl::unexpected(d.error(
+        Kind::fault, operation,
+        "it stands " + degrees(off_rad) + " away from the target: the motor lost steps or the encoder its count",
+        "check belt, motor current and encoder, or what else stopped it, then home again"));
   return d.last->status;
 }
 
@@ -434,7 +461,7 @@ tl::expected<void, DeviceError> ScannerDevice::renew_laser(int laser, std::int64
     if (const Refusal reason = d.laser_refusal(); reason != Refusal::none)
       return tl::unexpected(d.refusal(operation, reason));
   }
-  auto written = d.write(reg::control::laser_lease, static_cast<std::uint16_t>(lease_ms), laser);
+  auto written = d.link.write_lease(laser, lease_ms);
   if (!written) return tl::unexpected(d.failure(operation, std::move(written.error())));
   return {};
 }

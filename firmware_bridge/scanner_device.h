@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -77,15 +78,16 @@ class ScannerDevice {
   const SafeReport& found_at_open() const;
 
   /// One block read; also the heartbeat. Retries are bounded; a lost link is reported as such, and so is, once, a
-  /// controller that restarted since the last poll (it is unhomed then, and dark).
+  /// controller that restarted since the last poll (it is unhomed then, and dark), or whose clock or position jumped.
+  /// After a jump of the position `homed` is false until the next home().
   tl::expected<DeviceStatus, DeviceError> poll();
   /// Presses seen by polls since the last call: none is lost between polls or across reconnects. Presses from before
   /// open() do not count, those after a restart of the controller do.
   std::uint16_t take_button_presses();
 
-  /// Asked at every poll while home() and rotate_to() wait. Where it says true, they stop the motor, turn the lasers
-  /// off and return Kind::interrupted.
-  void set_interrupt(std::function<bool()> interrupted);
+  /// Asked at every poll while home() and rotate_to() wait. Where it gives a reason, they stop the motor, turn the
+  /// lasers off and return Kind::interrupted with it as the cause.
+  void set_interrupt(std::function<std::optional<std::string>()> interrupted);
 
   /// Finds the index; returns at standstill. Polls while waiting.
   tl::expected<void, DeviceError> home();
@@ -99,7 +101,8 @@ class ScannerDevice {
   tl::expected<void, DeviceError> stop();
 
   /// Grants or renews a lease on a laser for at most capabilities().lease_ms; call it only from the loop that accepts
-  /// frames. Refused with an open interlock, in a fault state or for class above what the controller declares safe.
+  /// frames. However often it has to be repeated on a bad link, the lease ends no later than lease_ms after the call.
+  /// Refused with an open interlock, in a fault state or for class above what the controller declares safe.
   tl::expected<void, DeviceError> renew_laser(int laser, std::int64_t lease_ms);
   tl::expected<void, DeviceError> laser_off();
   tl::expected<void, DeviceError> set_lamp(LampPattern pattern);

@@ -104,6 +104,7 @@ json state(const Device& d, const Words&) {
           {"time_ns", s.time_ns},
           {"dark_since_ns", s.dark_since_ns},
           {"fault_since_ns", s.fault_since_ns},
+          {"struck_ns", s.struck_ns},
           {"faults", s.faults}};
 }
 

@@ -69,6 +69,7 @@ void DeviceModel::inject(const FaultOrder& order) {
     faults_.schedule(order);
     return;
   }
+  struck_ns_ = now_ns_;
   const std::string name = order.kind->name;
   const auto nanoseconds = static_cast<std::int64_t>(order.value * 1e6);  // of milliseconds
   if (order.kind->lasts != FaultKind::Lasts::once) faults_.arm(order, now_ns_);
@@ -98,6 +99,7 @@ void DeviceModel::inject(const FaultOrder& order) {
   if (name == "steps-wrong") table_.set_gear_error(order.value, now_ns_);
   if (name == "backlash") table_.set_backlash(order.value * kDegree);
   if (name == "lights-on") ambient_ = order.value;
+  if (name == "button-chatter") press(100'000'000);
   if (name == "camera-unplug") camera_.stop();
 }
 

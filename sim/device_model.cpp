@@ -256,6 +256,7 @@ DeviceState DeviceModel::state() {
   s.time_ns = now_ns_;
   s.dark_since_ns = dark_since_ns_;
   s.fault_since_ns = fault_since_ns_;
+  s.struck_ns = struck_ns_;
   s.faults = faults_.names_armed();
   return s;
 }

@@ -51,6 +51,7 @@ struct DeviceState {
   std::int64_t time_ns = 0;
   std::int64_t dark_since_ns = 0;   ///< no laser emits since then; 0 while one does
   std::int64_t fault_since_ns = 0;  ///< the controller has a fault code since then; 0 without
+  std::int64_t struck_ns = 0;       ///< when the newest fault came; 0: none yet
   std::vector<std::string> faults;  ///< that are armed
 };
 
@@ -150,7 +151,7 @@ class DeviceModel final : private Plant {
   std::deque<MotionRecord::Sample> history_;  ///< one a millisecond, the last at next_tick_ns_ - 1 ms
   double ambient_ = 1;
   double camera_turn_rad_ = 0;
-  std::int64_t last_stamp_ns_ = INT64_MIN, dark_since_ns_ = 0, fault_since_ns_ = 0;
+  std::int64_t last_stamp_ns_ = INT64_MIN, dark_since_ns_ = 0, fault_since_ns_ = 0, struck_ns_ = 0;
   bool disconnect_ = false;
   std::function<bool(const RenderOrder&)> render_;
 };

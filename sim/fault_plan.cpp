@@ -38,7 +38,7 @@ constexpr std::array<FaultKind, 37> kKinds{{
     {"interlock-open", "the interlock is open", "", 0, 0, 0, Lasts::until_cleared},
     {"emergency-stop", "the emergency stop is pressed", "", 0, 0, 0, Lasts::until_cleared},
     {"button-stuck", "the button stays down", "", 0, 0, 0, Lasts::until_cleared},
-    {"button-chatter", "the button's contact bounces this long whenever it is pushed or let go", "MS", 10, 0, 1000,
+    {"button-chatter", "the button is pushed once, and its contact bounces this long whenever it is pushed or let go", "MS", 10, 0, 1000,
      Lasts::until_cleared},
     // motion
     {"motor-stall", "the motor is blocked", "", 0, 0, 0, Lasts::until_cleared},
