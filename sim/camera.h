@@ -72,8 +72,8 @@ class CameraTimeline {
   /// Faults: the next frames are lost; each frame arrives that much later.
   void lose_next(int frames) { lose_ = frames; }
   void set_extra_delay(std::int64_t delay_ns) { extra_delay_ns_ = delay_ns; }
-  /// The clock that stamps jumps.
-  void step_stamps(std::int64_t by_ns) { stamp_step_ns_ += by_ns; }
+  /// The clock that stamps is off by this much.
+  void set_stamp_step(std::int64_t step_ns) { stamp_step_ns_ = step_ns; }
 
  private:
   enum class Slot : std::uint8_t { free, filling, taken };

@@ -78,7 +78,7 @@ void DeviceModel::inject(const FaultOrder& order) {
   if (name == "motor-slip") table_.slip_table(order.value * kDegree);
   if (name == "modbus-disconnect") disconnect_ = true;
   if (name == "clock-step") boot_ns_ -= nanoseconds;
-  if (name == "stamp-step") camera_.step_stamps(nanoseconds);
+  if (name == "stamp-step") camera_.set_stamp_step(nanoseconds);
   if (name == "controller-reset") {
     laser_.enable(false, now_ns_);
     table_.stop(now_ns_);
@@ -107,6 +107,7 @@ void DeviceModel::clear_fault(const std::string& name) {
   faults_.clear(name);
   if (name == "drop-frame") camera_.lose_next(0);
   if (name == "delay-frames") camera_.set_extra_delay(0);
+  if (name == "stamp-step") camera_.set_stamp_step(0);
   if (name == "laser-stuck-on" || name == "laser-hidden") laser_.set_stuck_on(false, now_ns_);
   if (name == "laser-dead") laser_.set_dead(false);
   if (name == "laser-flicker") laser_.set_flicker(0);

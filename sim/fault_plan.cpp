@@ -62,7 +62,7 @@ constexpr std::array<FaultKind, 37> kKinds{{
     {"corrupt-frame", "the next frames arrive damaged and flagged", "FRAMES", 1, 0, 1e6, Lasts::count},
     {"short-frame", "the next frames arrive with half of their bytes, not flagged", "FRAMES", 1, 0, 1e6, Lasts::count},
     {"delay-frames", "frames arrive later", "MS", 100, 0, 60e3, Lasts::until_cleared},
-    {"stamp-step", "the stamps of the frames jump, once", "MS", 250, -60e3, 60e3, Lasts::once},
+    {"stamp-step", "the clock that stamps frames is off by this much", "MS", 250, -60e3, 60e3, Lasts::until_cleared},
     {"camera-unplug", "the camera is gone (ENODEV) until cleared", "", 0, 0, 0, Lasts::until_cleared},
     {"camera-nudge", "the camera turns about its vertical, once", "DEG", 0.2, -10, 10, Lasts::once},
     // object and room

@@ -215,6 +215,39 @@ TEST(Motion, ATableThatStandsElsewhereIsAFault) {
   EXPECT_NE(moved.error().cause.find("0.190 deg away"), std::string::npos) << moved.error().cause;
 }
 
+TEST(Motion, APositionThatJumpsIsToldOnceAndHomedAgain) {
+  Rig s;
+  s.open();
+  s.home();
+  ASSERT_TRUE(s.device->poll()->homed);
+  s.machine.with([](TestPlant& p, ControllerCore&) { p.slip_udeg = 5'000'000; });
+  const auto told = s.device->poll();
+  ASSERT_FALSE(told);
+  EXPECT_EQ(told.error().kind, Kind::fault);
+  EXPECT_NE(told.error().cause.find("jumped by 5.000 deg"), std::string::npos) << told.error().cause;
+  const auto later = s.device->poll();
+  ASSERT_TRUE(later) << later.error().message();
+  EXPECT_FALSE(later->homed);
+  s.home();
+  EXPECT_TRUE(s.device->poll()->homed);
+}
+
+// The replies are lost, the requests are not: repeating them must not keep the laser on.
+TEST(Laser, ALeaseRepeatedOnABadLinkEndsWhenTheFirstWouldHave) {
+  Rig s;
+  s.open("timeout_ms=60");
+  const std::uint64_t called_us = s.machine.now_us();
+  s.server.mishap(Mishap::drop, 3);
+  EXPECT_FALSE(s.device->renew_laser(0, 500));
+  s.machine.advance_ms(1000);
+  s.machine.with([&](TestPlant& p, ControllerCore&) {
+    ASSERT_GE(p.laser_log.size(), 2u);
+    EXPECT_EQ(p.laser_log.back().second, 0);
+    EXPECT_LE(p.laser_log.back().first - called_us, 502'000u);  // with the bus time of the first request
+    EXPECT_GT(p.laser_log.back().first - called_us, 490'000u);
+  });
+}
+
 TEST(Motion, HomingFailureNamesTheFaultAndTheWayOut) {
   Rig s;
   s.open();

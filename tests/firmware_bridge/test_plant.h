@@ -55,6 +55,7 @@ class TestPlant final : public Plant {
   // What the tests set.
   bool interlock_closed = true, emergency_stop = false, button = false;
   std::uint16_t stuck_lasers = 0;  // emit whatever is commanded
+  std::uint16_t dead_lasers = 0;   // emit nothing
   FaultCode input_fault = FaultCode::none, axis_fault = FaultCode::none;
   bool index_exists = true;
   double drag = 1;       // moves take so many times longer than asked for
@@ -72,7 +73,7 @@ class TestPlant final : public Plant {
     in.interlock_closed = interlock_closed;
     in.emergency_stop = emergency_stop;
     in.button = button;
-    in.lasers_measured = static_cast<std::uint16_t>(lasers | stuck_lasers);
+    in.lasers_measured = static_cast<std::uint16_t>((lasers | stuck_lasers) & ~dead_lasers);
     in.fault = input_fault;
     return in;
   }

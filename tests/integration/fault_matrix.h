@@ -20,6 +20,7 @@ struct FaultCase {
   bool never_continues = false;    ///< nothing goes on after it without a person or a new command
   bool breaks_link = false;        ///< the host cannot reach the controller: the lease ends the laser
   bool serial = false;             ///< over RTU
+  bool homing_heals = false;       ///< the index makes it good
 };
 std::span<const FaultCase> fault_cases();
 
