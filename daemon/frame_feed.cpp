@@ -136,7 +136,8 @@ tl::expected<void, ScanStop> FrameFeed::renew_lease(bool granting) {
   if (!granting && now_ns - granted_ns_ < lease_ms * kMillisecond_ns / 3) return {};
   if (granting || now_ns - granted_ns_ >= lease_ms * kMillisecond_ns) shining_since_ns_ = now_ns;
   if (auto renewed = equipment_.device->renew_laser(laser_, lease_ms); !renewed) {
-    // One lost answer: the lease ends, the next good frame asks for a new one. A link that is dead shows at the next poll.
+    // One lost answer: the lease ends, the next good frame asks for a new one. A link that is dead shows at the next
+    // poll.
     if (!granting && renewed.error().kind == DeviceError::Kind::timed_out) return {};
     return tl::make_unexpected(stop_of(renewed.error()));
   }

@@ -136,6 +136,7 @@ void ScanQueue::connect() {
     machine_.machine = machine;
     machine_.simulated = simulated;
     machine_.error.clear();
+    machine_.found = connection_->device ? connection_->device->found_at_open().text : "";
     first_attempt_done_ = true;
     wake_.notify_all();
     return;
@@ -194,6 +195,7 @@ void ScanQueue::run(std::uint64_t id) {
     const ScanRecord& record = records_.at(id);
     task.request = record.request;
     task.date = record.created;
+    task.from_afar = record.requested_by != "button";
     task.log_file = store_.log_file(id);
     task.results_folder = store_.results_folder(id);
     if (!options_.recordings.empty()) task.recording_folder = options_.recordings / std::to_string(id);
@@ -288,6 +290,17 @@ void ScanQueue::note_status(const DeviceStatus& status) {
   machine_.interlock_closed = status.interlock_closed;
   machine_.laser_on = status.lasers_on != 0;
   machine_.fault = status.fault_text;
+  if (!connection_->device) return;
+  machine_.remote_enabled = status.remote_enabled || !connection_->device->capabilities().remote_enable_switch;
+  const LinkQuality& link = connection_->device->link_quality();
+  machine_.link = {link.requests,
+                   link.retries,
+                   link.time_outs,
+                   link.broken_replies,
+                   link.exceptions,
+                   link.reconnects,
+                   static_cast<double>(link.round_trip_ns) * 1e-6,
+                   static_cast<double>(link.longest_round_trip_ns) * 1e-6};
 }
 
 bool ScanQueue::nothing_waits() const {

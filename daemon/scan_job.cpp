@@ -304,7 +304,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   const Triangulator triangulator(equipment.calibration, laser, equipment.volume);
   LaserLineExtractor extractor;
   if (recorded == nullptr) {
-    auto ready = make_device_ready(equipment, task.request, observer);
+    auto ready = make_device_ready(equipment, task, observer);
     if (!ready) return tl::make_unexpected(ready.error());
   }
   auto recording = open_recording(equipment, task);

@@ -34,6 +34,7 @@ struct ScanTask {
   std::filesystem::path log_file;               ///< must not exist
   std::filesystem::path results_folder;         ///< must not exist
   std::filesystem::path recording_folder = {};  ///< of the frames, if they shall be kept; must not exist
+  bool from_afar = false;  ///< not by the machine's own button: needs its switch, and a warning before anything moves
 };
 
 /// Who watches a scan. Called from the scan's thread, between two frames; must return at once.

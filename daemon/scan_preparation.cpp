@@ -15,6 +15,7 @@ constexpr int kSteadyFrames = 3;
 constexpr double kSteady = 0.02;  // relative change of the line's brightness from frame to frame
 constexpr std::int64_t kWarmUpLimit_ns = 20'000'000'000;
 constexpr std::int64_t kLineLimit_ns = 3'000'000'000;
+constexpr std::int64_t kWarning_ns = 2'000'000'000, kWarningPoll_ns = 100'000'000;
 
 tl::unexpected<ScanStop> device_failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
@@ -89,6 +90,42 @@ tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const LineB
   return {};
 }
 
+tl::expected<void, ScanStop> fit_to_start(const DeviceStatus& status, bool needs_switch) {
+  if (status.emergency_stop) {
+    return device_failed(
+        "The emergency stop is pressed; release it, press the button on the machine and start a new scan.");
+  }
+  if (!status.interlock_closed) {
+    return device_failed(
+        "The interlock is open; close the cover, press the button on the machine and start a new scan.");
+  }
+  if (status.local_action_needed) {
+    return device_failed("The machine is locked after a stop; press the button on the machine, then start a new scan.");
+  }
+  if (needs_switch && !status.remote_enabled) {
+    return device_failed(
+        "The switch at the machine forbids a start from afar; turn it, or start the scan with the button on the "
+        "machine.");
+  }
+  return {};
+}
+
+/// The lamp shows what is about to come; whoever stands there may stop it.
+tl::expected<void, ScanStop> warn(const ScanEquipment& equipment, ScanObserver& observer) {
+  ScannerDevice& device = *equipment.device;
+  const std::int64_t end_ns = equipment.clock.now_ns() + kWarning_ns;
+  while (equipment.clock.now_ns() < end_ns) {
+    equipment.clock.sleep_until(std::min(end_ns, equipment.clock.now_ns() + kWarningPoll_ns));
+    if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
+    auto status = device.poll();
+    if (!status) return tl::make_unexpected(stop_of(status.error()));
+    observer.on_status(*status);
+    if (device.take_button_presses() > 0) return tl::make_unexpected(cancelled_by("by the button on the machine"));
+    if (auto fit = fit_to_start(*status, device.capabilities().remote_enable_switch); !fit) return fit;
+  }
+  return {};
+}
+
 std::string seconds(std::int64_t ns) {
   char text[32];
   std::snprintf(text, sizeof text, "%.1f s", static_cast<double>(ns) / 1e9);
@@ -109,24 +146,17 @@ LineBrightness brightness_of(const std::vector<LineRow>& rows) {
   return b;
 }
 
-tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanRequest& request,
+tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanTask& task,
                                                ScanObserver& observer) {
   ScannerDevice& device = *equipment.device;
   auto status = device.poll();
   if (!status) return tl::make_unexpected(stop_of(status.error()));
   observer.on_status(*status);
-  if (status->emergency_stop) {
-    return device_failed(
-        "The emergency stop is pressed; release it, press the button on the machine and start a new scan.");
-  }
-  if (!status->interlock_closed) {
-    return device_failed(
-        "The interlock is open; close the cover, press the button on the machine and start a new scan.");
-  }
-  if (status->local_action_needed) {
-    return device_failed("The machine is locked after a stop; press the button on the machine, then start a new scan.");
-  }
+  if (auto fit = fit_to_start(*status, task.from_afar && device.capabilities().remote_enable_switch); !fit) return fit;
   if (auto off = device.laser_off(); !off) return tl::make_unexpected(stop_of(off.error()));
+  if (task.from_afar) {
+    if (auto warned = warn(equipment, observer); !warned) return warned;
+  }
   const bool stopped = status->motion == MotionState::fault || status->motion == MotionState::stopped;
   if (stopped || status->fault_code != 0) {
     if (auto cleared = device.clear_fault(); !cleared) return tl::make_unexpected(stop_of(cleared.error()));
@@ -134,8 +164,8 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
   if (stopped || status->motion == MotionState::unhomed || !status->homed) {
     if (auto homed = device.home(); !homed) return tl::make_unexpected(stop_of(homed.error()));
   }
-  if (request.exposure_ms > 0) {
-    auto exposure = equipment.camera.set_exposure(std::llround(request.exposure_ms * 1e6));
+  if (task.request.exposure_ms > 0) {
+    auto exposure = equipment.camera.set_exposure(std::llround(task.request.exposure_ms * 1e6));
     if (!exposure) return tl::make_unexpected(stop_of(exposure.error()));
   }
   return {};

@@ -29,8 +29,9 @@ struct ScanPreparation {
   std::vector<std::string> warnings;
 };
 
-/// Of a machine: checks interlock and faults, lasers off, homes if needed, sets the exposure.
-tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanRequest& request,
+/// Of a machine: checks interlock and faults, lasers off, warns for two seconds if the start comes from afar (the lamp
+/// is the observer's), homes if needed, sets the exposure.
+tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanTask& task,
                                                ScanObserver& observer);
 /// Background with the laser off, then the laser on until its line is steady. Leaves the laser on.
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,

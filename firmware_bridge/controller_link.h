@@ -30,8 +30,9 @@ class ControllerLink {
   ControllerLink(std::unique_ptr<Transport> transport, Clock& clock)
       : transport_(std::move(transport)), clock_(clock) {}
 
-  // Each tries up to three times where that may help, reconnecting a lost link, with short waits on the clock. Repeats
-  // are harmless: reads have no effect, grants and make_safe may be repeated, commands carry a sequence number.
+  // Each tries up to three times where that may help, with short waits on the clock; over a lost link, which is opened
+  // again, six times with waits that double, 0.6 s in all. Repeats are harmless: reads have no effect, grants and
+  // make_safe may be repeated, commands carry a sequence number.
   tl::expected<StatusBlock, LinkError> read_status();
   /// @return wrong_protocol if something else answers, or another major version.
   tl::expected<DeviceIdentity, LinkError> read_identity();
@@ -42,15 +43,23 @@ class ControllerLink {
   tl::expected<void, LinkError> write_axis_command(std::uint16_t command, std::uint16_t sequence,
                                                    std::int64_t target_udeg, std::uint32_t speed_udeg_per_s);
 
+  /// From now on leases and commands carry this token; 0: none.
+  void use_token(std::uint16_t token) { token_ = token; }
+  std::uint16_t token() const { return token_; }
+  const LinkQuality& quality() const { return quality_; }
+
   const std::string& url() const { return transport_->url(); }
   Clock& clock() { return clock_; }
 
  private:
   template <class Exchange>
   tl::expected<void, LinkError> with_retries(Exchange exchange);
+  void count(const tl::expected<void, LinkError>& result);
 
   std::unique_ptr<Transport> transport_;
   Clock& clock_;
+  std::uint16_t token_ = 0;
+  LinkQuality quality_;
 };
 
 }  // namespace celadon

@@ -7,6 +7,7 @@
 #include <initializer_list>
 #include <numbers>
 #include <optional>
+#include <random>
 #include <utility>
 
 #include "firmware_bridge/controller_link.h"
@@ -74,6 +75,8 @@ struct ScannerDevice::Impl {
 
   std::function<std::optional<std::string>()> interrupted;  // the owner's wish to end a motion early
 
+  std::int64_t session_due_ns = 0;  // when the token has to be written again
+
   std::int64_t now_ns() { return link.clock().now_ns(); }
 
   // ---- what is known, and how it is told ----
@@ -125,6 +128,8 @@ struct ScannerDevice::Impl {
       case Refusal::stopped:
         return error(Kind::wrong_state, operation,
                      cause + (last && !last->status.fault_text.empty() ? ", because " + last->status.fault_text : ""));
+      case Refusal::session_held:
+        return error(Kind::refused, operation, cause, "end the other program, or wait until it lets go of the machine");
       case Refusal::unhomed:
         return error(Kind::wrong_state, operation, cause, "home it first");
       default:
@@ -183,15 +188,39 @@ struct ScannerDevice::Impl {
 
   tl::expected<void, DeviceError> poll(const std::string& operation) {
     if (auto done = refresh(); !done) return tl::unexpected(failure(operation, std::move(done.error())));
-    if (std::exchange(restarted, false))
+    if (std::exchange(restarted, false)) {
+      session_due_ns = 0;  // the controller has forgotten it
       return tl::unexpected(error(Kind::fault, operation,
                                   "the controller restarted (power-up or reset) and resumed nothing",
                                   "press the button on the machine if it asks for it, then home"));
+    }
     if (jumped) {
       const std::string cause = *std::exchange(jumped, std::nullopt);
       return tl::unexpected(error(Kind::fault, operation, cause, "home again"));
     }
+    if (link.token() != 0 && now_ns() >= session_due_ns) return hold_session(operation);
     return {};
+  }
+
+  // ---- session: one host commands ----
+
+  tl::expected<void, DeviceError> hold_session(const std::string& operation) {
+    auto written = write(reg::control::session, link.token());
+    if (!written) return tl::unexpected(failure(operation, std::move(written.error())));
+    session_due_ns = now_ns() + capabilities.session_timeout_ms * kMillisecond_ns / 3;
+    return {};
+  }
+
+  // A host that was killed holds the machine until its session is over.
+  tl::expected<void, DeviceError> take_machine(const std::string& operation) {
+    if (identity.protocol_minor < protocol::kSessionMinor || capabilities.session_timeout_ms == 0) return {};
+    link.use_token(static_cast<std::uint16_t>(1 + std::random_device{}() % 0xFFFF));
+    const std::int64_t deadline_ns = now_ns() + 3 * capabilities.session_timeout_ms * kMillisecond_ns / 2;
+    for (;;) {
+      auto held = hold_session(operation);
+      if (held || now_ns() >= deadline_ns || held.error().kind != Kind::refused) return held;
+      link.clock().sleep_until(now_ns() + 5 * kPollPeriod_ns);
+    }
   }
 
   // Polls until `done` holds; the deadline is on the clock.
@@ -329,6 +358,7 @@ ScannerDevice::ScannerDevice(std::unique_ptr<Impl> impl) : impl_(std::move(impl)
 
 ScannerDevice::~ScannerDevice() {
   make_safe();
+  if (impl_->link_is_up && impl_->link.token() != 0) (void)impl_->write(reg::control::session_end, impl_->link.token());
 }
 
 tl::expected<std::unique_ptr<ScannerDevice>, DeviceError> ScannerDevice::open(std::unique_ptr<Transport> transport,
@@ -361,6 +391,7 @@ tl::expected<std::unique_ptr<ScannerDevice>, DeviceError> ScannerDevice::open(st
   if (!impl->link_is_up || !impl->found.lasers_off || !impl->found.motor_stopped)
     return tl::unexpected(impl->error(Kind::fault, operation, "it could not be made safe: " + impl->found.text,
                                       "cut the power at the machine"));
+  if (auto taken = impl->take_machine(operation); !taken) return tl::unexpected(std::move(taken.error()));
   impl->presses = 0;
   impl->restarted = false;
   impl->jumped.reset();
@@ -375,6 +406,9 @@ const DeviceCapabilities& ScannerDevice::capabilities() const {
 }
 const SafeReport& ScannerDevice::found_at_open() const {
   return impl_->found;
+}
+const LinkQuality& ScannerDevice::link_quality() const {
+  return impl_->link.quality();
 }
 
 tl::expected<DeviceStatus, DeviceError> ScannerDevice::poll() {

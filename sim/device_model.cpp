@@ -77,6 +77,7 @@ void DeviceModel::boot() {
   c.serial = config_.serial.c_str();
   c.simulated = true;
   c.locked_at_start = config_.locked_at_start;
+  c.safety_hardware |= protocol::kHasRemoteEnable;
   c.axis[0].encoder_resolution_ndeg =
       static_cast<std::uint32_t>(std::llround(table_.encoder_quantum_rad() / kDegree * 1e9));
   c.axis[0].max_speed_udeg_per_s = static_cast<std::uint32_t>(to_udeg(config_.turntable.max_speed_rad_per_s));
@@ -135,6 +136,7 @@ PlantInputs DeviceModel::inputs(std::uint64_t /*now_us*/) {
   in.interlock_closed = !faults_.armed("interlock-open");
   in.emergency_stop = faults_.armed("emergency-stop");
   in.button = button_down();
+  in.remote_enabled = !faults_.armed("remote-off");
   const bool unseen = faults_.armed("laser-hidden") && !laser_.enabled();
   in.lasers_measured = laser_.emits(now_ns_) && !unseen ? 1 : 0;
   return in;

@@ -18,7 +18,7 @@ using When = FaultOrder::When;
 constexpr std::uint64_t kPlanPurpose = 11;
 constexpr double kMostSeconds = 1e6;
 
-constexpr std::array<FaultKind, 37> kKinds{{
+constexpr std::array<FaultKind, 38> kKinds{{
     // link
     {"modbus-silent", "requests are done but not answered", "REQUESTS (0: until cleared)", 0, 0, 1e6, Lasts::count},
     {"heartbeat-lost", "requests neither arrive nor are answered", "REQUESTS (0: until cleared)", 0, 0, 1e6,
@@ -37,9 +37,10 @@ constexpr std::array<FaultKind, 37> kKinds{{
     {"clock-step", "the controller's clock jumps, once", "MS", 250, -60e3, 60e3, Lasts::once},
     {"interlock-open", "the interlock is open", "", 0, 0, 0, Lasts::until_cleared},
     {"emergency-stop", "the emergency stop is pressed", "", 0, 0, 0, Lasts::until_cleared},
+    {"remote-off", "the switch at the machine forbids a start from afar", "", 0, 0, 0, Lasts::until_cleared},
     {"button-stuck", "the button stays down", "", 0, 0, 0, Lasts::until_cleared},
-    {"button-chatter", "the button is pushed once, and its contact bounces this long whenever it is pushed or let go", "MS", 10, 0, 1000,
-     Lasts::until_cleared},
+    {"button-chatter", "the button is pushed once, and its contact bounces this long whenever it is pushed or let go",
+     "MS", 10, 0, 1000, Lasts::until_cleared},
     // motion
     {"motor-stall", "the motor is blocked", "", 0, 0, 0, Lasts::until_cleared},
     {"motor-slip", "the table slips on its drive, behind the encoder, once", "DEG", -2, -360, 360, Lasts::once},

@@ -25,13 +25,14 @@ const std::vector<FaultCase>& cases() {
       {"serial-noise 0.05", Known::named, {"no complete reply", "reply was broken", "exception"}, false, true, true},
       {"controller-reset", Known::named, {"restarted"}, true},
       {"controller-unplug", Known::named, {"link is down", "failed: "}, false, true},
-      {"controller-unplug for 0.05", Known::passes, {"link is down"}},
+      {"controller-unplug for 0.3", Known::passes, {"link is down"}},
       {"clock-step 300", Known::named, {"clock"}},
       {"clock-step 5000", Known::named, {"fell silent", "clock"}},
       {"clock-step -500", Known::named, {"failed its own check", "clock", "restarted"}},
       {"interlock-open", Known::named, {"interlock", "cover"}, true},
       {"interlock-open for 0.05", Known::named, {"interlock", "cover", "locked"}, true},
       {"emergency-stop", Known::named, {"emergency stop"}, true},
+      {"remote-off", Known::passes, {"forbids a start from afar"}},
       {"button-stuck", Known::named, {"button"}},
       {"button-chatter 15", Known::named, {"button"}},
       {"motor-stall", Known::named, {"stalled"}},
@@ -66,9 +67,10 @@ const std::vector<FaultCase>& cases() {
 }
 // clang-format on
 
-constexpr std::array<FaultMoment, 8> kMoments{{
+constexpr std::array<FaultMoment, 9> kMoments{{
     {"idle", "", ""},
-    {"preparing: homing", "preparing", "at 1"},
+    {"preparing: warning", "preparing", "at 1"},
+    {"preparing: homing", "preparing", "at 3"},
     {"preparing: background", "preparing", "frame 4"},
     {"preparing: laser warm-up", "preparing", "frame 20"},
     {"scanning: sweep", "preparing", "angle 120", true, true},

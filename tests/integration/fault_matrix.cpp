@@ -182,7 +182,11 @@ std::string warnings_of(const ScanRecord& record) {
   const json report = json::parse(read_file(record.folder / "report.json"), nullptr, false);
   std::string all;
   if (report.is_object()) {
-    for (const auto& warning : report.value("warnings", json::array())) all += warning.get<std::string>() + " ";
+    for (const auto& warning : report.value("warnings", json::array())) {
+      // Sixteen profiles do not meet a rim all around.
+      const std::string text = warning;
+      if (text.find("measured but not all around") == std::string::npos) all += text + " ";
+    }
   }
   return all;
 }
