@@ -88,11 +88,6 @@ tl::expected<ScanRecord, ServiceError> ScanQueue::submit(const ScanRequest& requ
     if (!machine_.connected) {
       return tl::make_unexpected(ServiceError{503, "no machine", "No machine is connected: " + machine_.error});
     }
-    if (requested_by != "button" && !machine_.remote_enabled) {
-      return tl::make_unexpected(ServiceError{409, "not enabled at the machine",
-                                              "The switch at the machine forbids a start from afar; turn it, or start "
-                                              "the scan with the button on the machine."});
-    }
     if (queue_.size() >= options_.longest_queue) {
       return tl::make_unexpected(ServiceError{
           429, "queue full", std::to_string(queue_.size()) + " scans are waiting already; cancel some or wait."});

@@ -109,7 +109,14 @@ Measured exact(double value) {
 
 }  // namespace
 
-FakeMachine::FakeMachine() : core_(test::test_config(), plant_, 1, 0) {}
+FakeMachine::FakeMachine()
+    : core_(
+          [] {
+            ControllerConfig config = test::test_config();
+            config.safety_hardware |= protocol::kHasRemoteEnable;
+            return config;
+          }(),
+          plant_, 1, 0) {}
 
 double FakeMachine::vase(double theta_rad, double z_mm) {
   if (z_mm < 5 || z_mm > 100) return 0;

@@ -2,6 +2,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <utility>
+
 #include "daemon/scan_job.h"
 #include "tests/daemon/fake_machine.h"
 #include "tests/temporary_folder.h"
@@ -21,7 +24,8 @@ class At final : public ScanObserver {
     if (state == state_) strike_();
   }
   void on_progress(const ScanProgress&) override {}
-  void on_status(const DeviceStatus&) override {}
+  void on_status(const DeviceStatus& status) override { on_look(status); }
+  std::function<void(const DeviceStatus&)> on_look = [](const DeviceStatus&) {};
   std::optional<std::string> cancelled() override { return std::nullopt; }
 
  private:
@@ -34,7 +38,9 @@ struct Told {
   std::string text;  ///< reason or warnings
 };
 
-Told scan(FakeMachine& machine, ScanState state, std::function<void()> strike, ScanMode mode = ScanMode::sweep) {
+Told scan(
+    FakeMachine& machine, ScanState state, std::function<void()> strike, ScanMode mode = ScanMode::sweep,
+    bool from_afar = false, std::function<void(const DeviceStatus&)> look = [](const DeviceStatus&) {}) {
   const TemporaryFolder folder;
   const Calibration calibration = machine.calibration();
   auto connection = machine.connect(calibration);
@@ -46,7 +52,9 @@ Told scan(FakeMachine& machine, ScanState state, std::function<void()> strike, S
   task.date = "2026-01-02T03:04:05Z";
   task.log_file = folder / "profiles.log";
   task.results_folder = folder / "results";
+  task.from_afar = from_afar;
   At observer(state, std::move(strike));
+  observer.on_look = std::move(look);
   auto outcome = run_scan({connection->device.get(), *connection->camera, *connection->clock, calibration, nullptr, {}},
                           task, observer);
   EXPECT_EQ(machine.lasers(), 0);
@@ -96,6 +104,47 @@ TEST(ScanFault, ALaserThatShinesUnseenByItsSensorIsFoundInAFrame) {
   const Told fine = scan(good, ScanState::scanning, [] {});
   EXPECT_TRUE(fine.done);
   EXPECT_EQ(fine.text.find("emits"), std::string::npos) << fine.text;
+}
+
+TEST(ScanStart, FromAfarIsForbiddenByTheSwitchAtTheMachine) {
+  FakeMachine machine;
+  const auto forbid = [&] { machine.with_plant([](test::TestPlant& p) { p.remote_enabled = false; }); };
+  EXPECT_TRUE(says(scan(machine, ScanState::preparing, forbid, ScanMode::sweep, true), false, "forbids a start"));
+  machine.with_plant([](test::TestPlant& p) { EXPECT_EQ(p.homes, 0); });
+  EXPECT_TRUE(scan(machine, ScanState::preparing, forbid).done);  // by the button it is allowed
+}
+
+TEST(ScanStart, FromAfarNothingMovesOrShinesForTwoSecondsOfWarning) {
+  for (const bool from_afar : {false, true}) {
+    FakeMachine machine;
+    std::int64_t asked_ns = 0;
+    const Told told = scan(
+        machine, ScanState::preparing, [&] { asked_ns = machine.now_ns(); }, ScanMode::sweep, from_afar);
+    EXPECT_TRUE(told.done) << told.text;
+    machine.with_plant([&](test::TestPlant& p) {
+      const auto shone =
+          std::find_if(p.laser_log.begin(), p.laser_log.end(), [](const auto& e) { return e.second != 0; });
+      ASSERT_NE(shone, p.laser_log.end());
+      const auto waited_ns = [&](std::uint64_t at_us) {
+        return static_cast<std::int64_t>(at_us) * 1000 + FakeMachine::kHostOffset_ns - asked_ns;
+      };
+      EXPECT_EQ(waited_ns(p.first_start_us) >= 2'000'000'000, from_afar);
+      EXPECT_LE(waited_ns(p.first_start_us), waited_ns(shone->first));
+      EXPECT_LT(waited_ns(p.first_start_us), 2'200'000'000);
+    });
+  }
+}
+
+TEST(ScanStart, TheWarningEndsWithThePressOfWhoeverStandsThere) {
+  FakeMachine machine;
+  bool pressed = false;
+  const auto press = [&](const DeviceStatus&) {
+    if (!std::exchange(pressed, true)) machine.press_button();
+  };
+  EXPECT_TRUE(says(scan(
+                       machine, ScanState::idle, [] {}, ScanMode::sweep, true, press),
+                   false, "by the button"));
+  machine.with_plant([](test::TestPlant& p) { EXPECT_EQ(p.homes, 0); });
 }
 
 }  // namespace

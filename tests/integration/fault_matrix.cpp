@@ -1,5 +1,6 @@
 #include "tests/integration/fault_matrix.h"
 
+#include <atomic>
 #include <condition_variable>
 #include <filesystem>
 #include <mutex>
@@ -265,7 +266,7 @@ void judge_recovery(Machine& machine, Service& service, const FaultCase& fault, 
     if (!late || !service.connected_within(milliseconds(20'000))) break;
   }
   if (!end || end->state != ScanState::done)
-    cell.bad.push_back("the next scan: " + (end ? to_string(end->state) + (" " + end->reason) : "hangs"));
+    cell.bad.push_back("the next scan: " + (end ? to_string(end->state) + (" " + end->reason) : "hangs or is refused"));
 }
 
 }  // namespace
