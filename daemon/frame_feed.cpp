@@ -124,7 +124,7 @@ tl::expected<void, ScanStop> FrameFeed::poll() {
   if (auto stop = unfit()) return tl::make_unexpected(*stop);
   if (auto stop = dark_laser()) return tl::make_unexpected(*stop);
   const PositionSample sample{status_.position_counter, status_.position_time_us, status_.angle_rad,
-                              status_.host_before_ns, status_.host_after_ns};
+                              status_.host_before_ns,   status_.host_after_ns,    status_.uptime_us};
   timeline_.add(sample);
   if (log_ != nullptr) log_->append(sample);
   return {};
