@@ -79,7 +79,7 @@ void ScanQueue::own_machine() {
     watch_machine();
     if (!connection_) continue;
     if (!scans_wait) {
-      sleep(options_.poll_period);
+      rest();
       continue;
     }
     std::optional<std::uint64_t> next;
@@ -316,6 +316,23 @@ bool ScanQueue::stopping() const {
 void ScanQueue::sleep(std::chrono::nanoseconds time) {
   const MutexLock lock(mutex_);
   if (!stop_ && queue_.empty()) wake_.wait_for(mutex_, time);
+}
+
+/// Until the next look at the machine: a change that it tells of by itself, or a new scan, ends it.
+void ScanQueue::rest() {
+  if (!connection_ || !connection_->device || !connection_->device->tells_changes()) {
+    sleep(options_.poll_period);
+    return;
+  }
+  constexpr std::chrono::nanoseconds kGlance = std::chrono::milliseconds(5);
+  const auto woken = [this] {
+    const MutexLock lock(mutex_);
+    return stop_ || !queue_.empty();
+  };
+  for (auto left = options_.poll_period; left.count() > 0 && !woken(); left -= kGlance) {
+    sleep(kGlance);
+    if (connection_->device->changed()) return;
+  }
 }
 
 }  // namespace celadon

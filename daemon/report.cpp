@@ -58,12 +58,24 @@ void put_surface(Json& json, const RangeFit& fit) {
   json["coverage"] = r.coverage;
   json["decided_by"] = r.decided_by;
   json["stopped_by"] = r.stopped_by;
+  if (!r.poles.empty()) json["poles"] = r.poles;
   json["frame"] = {{"origin", to_json(Eigen::Vector3d(base.X_WB.translation()))},
                    {"z", to_json(Eigen::Vector3d(base.X_WB.linear().col(2)))}};
   if (base.spherical()) {
     json["band_rad"] = {r.phi_start_rad, r.phi_end_rad};
   } else {
     json["band_mm"] = {r.z_start_mm, r.z_end_mm};
+  }
+  if (!r.constraints.empty()) {
+    json["constraints"] = Json::array();
+    for (const HeldConstraint& held : r.constraints) {
+      const char* const unit = held.is_angle ? "_rad" : "_mm";
+      Json entry{{"what", held.what}};
+      entry[std::string("held") + unit] = held.asked;
+      entry[std::string("alone") + unit] = held.alone;
+      entry[std::string("alone_sd") + unit] = held.alone_sd;
+      json["constraints"].push_back(std::move(entry));
+    }
   }
   json["cut_mm"] = {{"below", r.cut_below_mm}, {"above", r.cut_above_mm}};
 }
@@ -125,6 +137,21 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
                            {"scale_mm", pose.scale_mm},
                            {"shift_sd_mm", pose.shift_sd_mm},
                            {"turn_sd_rad", pose.turn_sd_rad}};
+  }
+  if (notes.flat_ends.any()) {
+    const auto face = [](const FlatEnd& end) {
+      return Json{{"height_mm", end.height_mm}, {"tilt_rad", end.tilt_rad()}, {"share", end.share}};
+    };
+    json["flat_ends"] = Json::object();
+    if (notes.flat_ends.lower) json["flat_ends"]["lower"] = face(*notes.flat_ends.lower);
+    if (notes.flat_ends.upper) json["flat_ends"]["upper"] = face(*notes.flat_ends.upper);
+  }
+  if (notes.raised)
+    json["raised"] = {
+        {"asked_mm", notes.raised->asked_mm}, {"lift_mm", notes.raised->lift_mm}, {"sd_mm", notes.raised->sd_mm}};
+  if (notes.symmetry) {
+    json["symmetry"] = {{"fold", notes.symmetry->fold}};
+    if (notes.symmetry->mirrored) json["symmetry"]["mirror_plane_rad"] = notes.symmetry->plane_rad;
   }
   if (notes.about_scanner_axis) {
     const RangeFitReport& there = *notes.about_scanner_axis;

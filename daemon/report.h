@@ -11,8 +11,10 @@
 
 #include "daemon/export/cad_client.h"
 #include "fitting/composite_fit.h"
+#include "fitting/flat_ends.h"
 #include "fitting/local_frame.h"
 #include "fitting/range_fit.h"
+#include "fitting/symmetry.h"
 #include "fitting/turned_over.h"
 
 namespace celadon {
@@ -40,6 +42,13 @@ struct ScanCounters {
   std::uint64_t profiles = 0, frames = 0, lost = 0, stale = 0, corrupt = 0, rows_ambiguous = 0;
 };
 
+/// An object scanned again at another height of the lift.
+struct RaisedPose {
+  double asked_mm = 0;  ///< by how much it was said to be raised
+  double lift_mm = 0;   ///< by how much it was
+  double sd_mm = 0;     ///< standard deviation of that; 0: taken as it was said
+};
+
 /// What the result files say besides the fit itself.
 struct ResultNotes {
   std::string name = "object";
@@ -55,6 +64,9 @@ struct ResultNotes {
   std::string shape_reason;                  ///< why this base was chosen; empty: as it was named
   std::optional<LocalFrame> own_axis;        ///< how the surface's frame was found, if it was looked for
   std::optional<PoseAlignment> turned_over;  ///< how the object's second pose was found
+  FlatEnds flat_ends{};                      ///< faces whose samples were left out of the wall
+  std::optional<RaisedPose> raised;          ///< how far the object's second set of samples was raised
+  std::optional<Symmetry> symmetry;          ///< that the surface was made to have
   /// Of a part that stands off the scanner's axis: what it was about that one.
   std::optional<RangeFitReport> about_scanner_axis;
 };

@@ -17,6 +17,9 @@
 namespace celadon {
 namespace {
 
+// A face that is less out of square than this is the disc across the axis.
+constexpr double kSquare_rad = 1e-3;
+
 constexpr ResultFormat kFormats[] = {ResultFormat::step,         ResultFormat::stl,        ResultFormat::ply,
                                      ResultFormat::surface_json, ResultFormat::errors_svg, ResultFormat::report_json};
 
@@ -42,14 +45,22 @@ std::string file_name(ResultFormat format, const std::string& name) {
   return "report.json";
 }
 
+// The wall ends on a face that was measured, and the disc that closes it there lies on the face.
+bool is_face(const std::optional<FlatEnd>& face, const BaseSurface& base, bool upper) {
+  if (!face || base.spherical()) return false;
+  const double end = upper ? base.band_end : base.band_start;
+  return std::abs(end - face->height_mm) < 1e-9 && face->tilt_rad() < kSquare_rad;
+}
+
 std::string mesh_header(const ResultNotes& notes, double chord_mm, std::span<const RangeFunction* const> pieces) {
   char chord[32];
   std::snprintf(chord, sizeof chord, "%.4g", chord_mm);
   const BaseSurface &lowest = pieces.front()->base(), &highest = pieces.back()->base();
   const bool whole = lowest.spherical() && lowest.band_end == BaseSurface::kMeridianEnd && highest.spherical() &&
                      highest.band_start == 0;
+  const bool measured = is_face(notes.flat_ends.lower, lowest, false) && is_face(notes.flat_ends.upper, highest, true);
   return std::string(notes.simulated ? "SIMULATED " : "") + "celadon " + notes.name + ", mm, chord tolerance " + chord +
-         " mm" + (whole ? "" : ", end discs assumed");
+         " mm" + (whole || measured ? "" : ", end discs assumed");
 }
 
 tl::expected<void, ResultError> put(const std::filesystem::path& file, std::string_view bytes) {
@@ -135,6 +146,8 @@ tl::expected<void, ResultError> write_surface(std::span<const FittedSurface> pie
   switch (format) {
     case ResultFormat::step: {
       CadOptions cad;
+      cad.bottom_measured = is_face(notes.flat_ends.lower, pieces.front().function.base(), false);
+      cad.top_measured = is_face(notes.flat_ends.upper, pieces.back().function.base(), true);
       cad.ap214 = options.ap214;
       cad.name = notes.name;
       cad.simulated = notes.simulated;

@@ -74,6 +74,7 @@ class ScanQueue final : public ScanService {
   bool stopping() const CELADON_EXCLUDES(mutex_);
   bool nothing_waits() const CELADON_EXCLUDES(mutex_);
   void sleep(std::chrono::nanoseconds time) CELADON_EXCLUDES(mutex_);
+  void rest() CELADON_EXCLUDES(mutex_);
 
   const Calibration calibration_;
   const ScanQueueOptions options_;

@@ -18,6 +18,7 @@ using nlohmann::json;
 
 constexpr const char *kSurface = "celadon-surface", *kComposite = "celadon-composite";
 constexpr std::size_t kMostPieces = 16;
+constexpr int kMostArcs = 1024;
 
 // --- writing: own, because arrays of numbers want one row a line and exactly shortest decimals ---
 
@@ -95,10 +96,11 @@ BaseSurface read_base(const Reader& field) {
   if (base.spherical() && !(base.band_start >= 0 && base.band_end <= BaseSurface::kMeridianEnd)) {
     field.at(end_name).fail("or w_start is outside 0 .. 2, the meridian's parameters");
   }
-  const int arcs = field.at("arcs").whole(1, 4);
+  const int arcs = field.at("arcs").whole(1, kMostArcs);
   const double arc = field.at("arc_rad").number(), start = field.at("start_rad").number();
   if (field.at("closed").boolean()) {
-    base.arcs = BaseArcs::full_circle();
+    if (arcs < 3) field.at("arcs").fail("is below 3, which no circle has");
+    base.arcs = BaseArcs::circle(arcs, start);
   } else {
     if (!(arc > 0) || arc * arcs > 2 * M_PI * (1 + 1e-12)) field.at("arc_rad").fail("is outside (0, 2 pi / arcs]");
     base.arcs = BaseArcs::open(start, std::min(arc * arcs, 2 * M_PI));

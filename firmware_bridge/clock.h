@@ -12,6 +12,8 @@ class Clock {
   virtual std::int64_t now_ns() = 0;
   /// Returns at or after the given time.
   virtual void sleep_until(std::int64_t time_ns) = 0;
+  /// Whether its time passes by itself, so that a wait may also end early.
+  virtual bool is_real() const { return false; }
 };
 
 /// CLOCK_MONOTONIC.
@@ -27,6 +29,7 @@ class MonotonicClock final : public Clock {
     while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) {
     }
   }
+  bool is_real() const override { return true; }
 };
 
 }  // namespace celadon

@@ -100,6 +100,14 @@ tl::expected<void, LinkError> ControllerLink::with_retries(Exchange exchange) {
   }
 }
 
+void ControllerLink::wait_until(std::int64_t time_ns) {
+  if (transport_->has_events()) {
+    // Declared time does not pass here: only what has come already shortens the wait.
+    if (transport_->wait_for_event(clock_.is_real() ? time_ns - clock_.now_ns() : 0)) return;
+  }
+  clock_.sleep_until(time_ns);
+}
+
 tl::expected<StatusBlock, LinkError> ControllerLink::read_status() {
   std::array<std::uint16_t, protocol::status_words(1)> words{};
   std::int64_t before_ns = 0, after_ns = 0;

@@ -48,6 +48,12 @@ class ControllerLink {
   std::uint16_t token() const { return token_; }
   const LinkQuality& quality() const { return quality_; }
 
+  /// Until that time, or until the controller told of a change by itself.
+  void wait_until(std::int64_t time_ns);
+  bool tells_changes() const { return transport_->has_events(); }
+  bool changed() { return transport_->wait_for_event(0); }
+  std::size_t take_trace(std::span<TraceSample> samples) { return transport_->take_trace(samples); }
+
   const std::string& url() const { return transport_->url(); }
   Clock& clock() { return clock_; }
 

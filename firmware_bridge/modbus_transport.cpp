@@ -8,6 +8,7 @@
 
 #include "firmware_bridge/modbus_url.h"
 #include "firmware_bridge/transport.h"
+#include "firmware_bridge/usb_transport.h"
 
 namespace celadon {
 namespace {
@@ -153,13 +154,11 @@ Context make_context(const ModbusPlace& place) {
 }  // namespace
 
 tl::expected<std::unique_ptr<Transport>, DeviceError> open_transport(const std::string& url) {
+  if (url.rfind("usb:", 0) == 0) return open_usb_transport(url);
   const auto failed = [&](Kind kind, std::string cause, std::string remedy) {
     return tl::unexpected(
         DeviceError{kind, "connect", url, std::move(cause), "its state unknown and untouched", std::move(remedy)});
   };
-  if (url.rfind("usb:", 0) == 0)
-    return failed(Kind::refused, "controllers on USB are not supported yet",
-                  "connect the controller by Modbus: modbus-tcp://HOST or modbus-rtu:/dev/ttyX");
   auto place = parse_modbus_url(url);
   if (!place)
     return failed(

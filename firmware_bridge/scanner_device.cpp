@@ -104,7 +104,8 @@ struct ScannerDevice::Impl {
     if (cause.kind == Kind::refused && cause.code == static_cast<int>(protocol::Exception::refused)) {
       if (refresh() && last->refusal != Refusal::none) return refusal(operation, last->refusal);
     }
-    if (cause.kind == Kind::lost || cause.kind == Kind::timed_out || cause.kind == Kind::broken_reply)
+    if (cause.kind == Kind::lost || cause.kind == Kind::timed_out || cause.kind == Kind::broken_reply ||
+        cause.kind == Kind::not_found)
       link_is_up = false;
     const bool silent = cause.kind == Kind::timed_out;
     return error(cause.kind, operation, std::move(cause.cause),
@@ -234,7 +235,7 @@ struct ScannerDevice::Impl {
         return tl::unexpected(
             error(Kind::timed_out, operation,
                   "it was not finished within " + std::to_string(limit_ns / kMillisecond_ns) + " ms"));
-      link.clock().sleep_until(std::min(now_ns() + kPollPeriod_ns, deadline_ns));
+      link.wait_until(std::min(now_ns() + kPollPeriod_ns, deadline_ns));
     }
   }
 
@@ -418,6 +419,18 @@ tl::expected<DeviceStatus, DeviceError> ScannerDevice::poll() {
 
 std::uint16_t ScannerDevice::take_button_presses() {
   return std::exchange(impl_->presses, std::uint16_t{0});
+}
+
+bool ScannerDevice::tells_changes() const {
+  return impl_->link.tells_changes();
+}
+
+bool ScannerDevice::changed() {
+  return impl_->link.changed();
+}
+
+std::size_t ScannerDevice::take_trace(std::span<TraceSample> samples) {
+  return impl_->link.take_trace(samples);
 }
 
 void ScannerDevice::set_interrupt(std::function<std::optional<std::string>()> interrupted) {

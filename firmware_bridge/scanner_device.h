@@ -6,6 +6,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -96,6 +97,13 @@ class ScannerDevice {
   /// Presses seen by polls since the last call: none is lost between polls or across reconnects. Presses from before
   /// open() do not count, those after a restart of the controller do.
   std::uint16_t take_button_presses();
+
+  /// Whether the controller tells of changes (button, fault, motion) by itself.
+  bool tells_changes() const;
+  /// Whether it told of one since the last call, or is gone; poll() says what it was. Never waits.
+  bool changed();
+  /// Position samples that the controller sent by itself since the last call, oldest first; none where it does not.
+  std::size_t take_trace(std::span<TraceSample> samples);
 
   /// Asked at every poll while home() and rotate_to() wait. Where it gives a reason, they stop the motor, turn the
   /// lasers off and return Kind::interrupted with it as the cause.

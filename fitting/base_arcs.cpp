@@ -21,7 +21,7 @@ namespace {
 // What the lanes need to know of the arcs.
 struct ArcConstants {
   int count;
-  bool closed;
+  bool quadrants;  // the full circle from theta = 0 in four arcs
   double start_rad, arc_rad, range_rad;
   double sin_half;                // sin(arc/2)
   double one_minus_w;             // 1 - w = 2 sin^2(arc/4)
@@ -75,7 +75,7 @@ V eta_of_point(const ArcConstants& c, V x, V y, V r) {
   return hn::IfThenElse(hn::Gt(eta, one), one, eta);
 }
 
-void points_closed(const ArcConstants& c, const double* x, const double* y, std::size_t n, double* v, double* r) {
+void points_in_quadrants(const ArcConstants& c, const double* x, const double* y, std::size_t n, double* v, double* r) {
   const D d;
   const V zero = hn::Zero(d), one = hn::Set(d, 1.0), two = hn::Set(d, 2.0);
   over(n, x, y, v, r, [&](const double* in_x, const double* in_y, double* out_v, double* out_r) {
@@ -93,7 +93,7 @@ void points_closed(const ArcConstants& c, const double* x, const double* y, std:
   });
 }
 
-void points_open(const ArcConstants& c, const double* x, const double* y, std::size_t n, double* v, double* r) {
+void points_on_arcs(const ArcConstants& c, const double* x, const double* y, std::size_t n, double* v, double* r) {
   const D d;
   const V zero = hn::Zero(d);
   const V start_cos = hn::Set(d, c.start_cos), start_sin = hn::Set(d, c.start_sin);
@@ -154,7 +154,7 @@ V reduced(V theta) {
   return hn::LoadU(d, lanes);
 }
 
-void angles_closed(const ArcConstants& c, const double* theta_rad, std::size_t n, double* v) {
+void angles_in_quadrants(const ArcConstants& c, const double* theta_rad, std::size_t n, double* v) {
   const D d;
   // pi/2 in two parts, the first of 33 bits: its multiples are exact.
   const V high = hn::Set(d, 1.57079632673412561417e+00), low = hn::Set(d, 6.07710050650619224932e-11);
@@ -170,7 +170,7 @@ void angles_closed(const ArcConstants& c, const double* theta_rad, std::size_t n
   });
 }
 
-void angles_open(const ArcConstants& c, const double* theta_rad, std::size_t n, double* v) {
+void angles_on_arcs(const ArcConstants& c, const double* theta_rad, std::size_t n, double* v) {
   const D d;
   const V arc = hn::Set(d, c.arc_rad), zero = hn::Zero(d), range = hn::Set(d, c.range_rad);
   const V turn = hn::Set(d, 2 * std::numbers::pi);
@@ -192,11 +192,11 @@ void angles_open(const ArcConstants& c, const double* theta_rad, std::size_t n, 
 }
 
 void points(const ArcConstants& c, const double* x, const double* y, std::size_t n, double* v, double* r) {
-  c.closed ? points_closed(c, x, y, n, v, r) : points_open(c, x, y, n, v, r);
+  c.quadrants ? points_in_quadrants(c, x, y, n, v, r) : points_on_arcs(c, x, y, n, v, r);
 }
 
 void angles(const ArcConstants& c, const double* theta_rad, std::size_t n, double* v) {
-  c.closed ? angles_closed(c, theta_rad, n, v) : angles_open(c, theta_rad, n, v);
+  c.quadrants ? angles_in_quadrants(c, theta_rad, n, v) : angles_on_arcs(c, theta_rad, n, v);
 }
 
 }  // namespace
@@ -212,11 +212,15 @@ namespace {
 HWY_EXPORT(points);
 HWY_EXPORT(angles);
 
+bool in_quadrants(const BaseArcs& arcs) {
+  return arcs.closed() && arcs.count() == 4 && arcs.start_rad() == 0;
+}
+
 ArcConstants constants(const BaseArcs& arcs) {
   const double arc = arcs.arc_rad(), range = arc * arcs.count();
   const double quarter_sin = std::sin(arc / 4);
   return {.count = arcs.count(),
-          .closed = arcs.closed(),
+          .quadrants = in_quadrants(arcs),
           .start_rad = arcs.start_rad(),
           .arc_rad = arc,
           .range_rad = range,
@@ -237,7 +241,25 @@ BaseArcs BaseArcs::full_circle() {
   arcs.count_ = 4;
   arcs.arc_rad_ = std::numbers::pi / 2;
   arcs.weight_ = std::numbers::sqrt2 / 2;
-  arcs.closed_ = true;
+  return arcs;
+}
+
+BaseArcs BaseArcs::circle(int count, double start_rad) {
+  if (count == 4 && start_rad == 0) return full_circle();
+  if (count < 3 || !std::isfinite(start_rad))
+    throw std::invalid_argument("BaseArcs::circle: " + std::to_string(count) + " arcs from " +
+                                std::to_string(start_rad) + " rad; it takes three at least");
+  BaseArcs arcs;
+  arcs.count_ = count;
+  arcs.start_rad_ = start_rad;
+  arcs.arc_rad_ = 2 * std::numbers::pi / count;
+  arcs.weight_ = std::cos(arcs.arc_rad_ / 2);
+  return arcs;
+}
+
+BaseArcs BaseArcs::sector(double start_rad, double range_rad, ArcEnds ends) {
+  BaseArcs arcs = open(start_rad, range_rad);
+  arcs.ends_ = ends;
   return arcs;
 }
 
@@ -252,6 +274,7 @@ BaseArcs BaseArcs::open(double start_rad, double range_rad) {
   arcs.arc_rad_ = range_rad / arcs.count_;
   arcs.weight_ = std::cos(arcs.arc_rad_ / 2);
   arcs.closed_ = false;
+  arcs.ends_ = ArcEnds::free;
   return arcs;
 }
 
@@ -322,11 +345,12 @@ std::vector<double> BaseArcs::knots() const {
 Eigen::MatrixX3d BaseArcs::control_points() const {
   Eigen::MatrixX3d points(2 * count_ + 1, 3);
   for (int i = 0; i <= 2 * count_; ++i) {
-    if (closed_) {  // the square's corners and middles of sides, exactly
+    if (in_quadrants(*this)) {  // the square's corners and middles of sides, exactly
       static constexpr int kX[] = {1, 1, 0, -1, -1, -1, 0, 1}, kY[] = {0, 1, 1, 1, 0, -1, -1, -1};
       points.row(i) << kX[i % 8], kY[i % 8], 1;
     } else {
-      const double angle = start_rad_ + arc_rad_ * i / 2, reach = i % 2 ? 1 / weight_ : 1;
+      const int at = closed_ ? i % (2 * count_) : i;  // the end is the start, to the bit
+      const double angle = start_rad_ + arc_rad_ * at / 2, reach = i % 2 ? 1 / weight_ : 1;
       const auto exact = [](double x) { return std::abs(x) < 1e-15 ? 0 : x; };  // of quarters of a turn
       points.row(i) << reach * exact(std::cos(angle)), reach * exact(std::sin(angle)), 1;
     }

@@ -4,9 +4,17 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 namespace celadon {
+
+/// How functions over arcs go on beyond both ends.
+enum class ArcEnds : std::uint8_t {
+  free,      ///< not at all
+  periodic,  ///< from the start again
+  mirrored   ///< back the same way
+};
 
 /// Equal rational quadratic arcs over [start_rad, start_rad + range_rad], each on a unit parameter interval:
 /// v in [0, count()].
@@ -17,11 +25,19 @@ class BaseArcs {
   /// max(1, ceil(range / 90 degrees - 1e-9)) equal arcs, open.
   /// @pre 0 < range_rad <= 2 pi
   static BaseArcs open(double start_rad, double range_rad);
+  /// The same, part of a circle that consists of such sectors, each the next one's repetition or mirror image.
+  /// @pre the circle holds a whole number of them, an even one if mirrored
+  static BaseArcs sector(double start_rad, double range_rad, ArcEnds ends);
+  /// The full circle in `count` equal arcs from start_rad, closed. @pre count >= 3
+  static BaseArcs circle(int count, double start_rad);
 
   int count() const { return count_; }
   double arc_rad() const { return arc_rad_; }
   double start_rad() const { return start_rad_; }
+  /// All of a circle.
   bool closed() const { return closed_; }
+  ArcEnds ends() const { return ends_; }
+  bool periodic() const { return ends_ == ArcEnds::periodic; }
   /// Middle weight of each arc, cos(arc/2) (2.4).
   double weight() const { return weight_; }
 
@@ -56,6 +72,7 @@ class BaseArcs {
   int count_ = 4;
   double start_rad_ = 0, arc_rad_ = 0, weight_ = 0;
   bool closed_ = true;
+  ArcEnds ends_ = ArcEnds::periodic;
 };
 
 }  // namespace celadon

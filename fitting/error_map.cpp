@@ -26,4 +26,20 @@ void ErrorMap::merge(const ErrorMap& other) {
   }
 }
 
+ErrorMap ErrorMap::repeated(int sectors, bool mirrored) const {
+  ErrorMap all = *this;
+  for (int j = 0; j < kAround; ++j) {
+    const double turns = (j + 0.5) / kAround * sectors;
+    const int sector = static_cast<int>(turns);
+    const double share = mirrored && sector % 2 == 1 ? 1 - (turns - sector) : turns - sector;
+    const int from = std::clamp(static_cast<int>(share * kAround), 0, kAround - 1);
+    for (int i = 0; i < kAlong; ++i) {
+      const auto to_at = static_cast<std::size_t>(i * kAround + j), at = static_cast<std::size_t>(i * kAround + from);
+      all.sums_[to_at] = sums_[at];
+      all.counts_[to_at] = counts_[at];
+    }
+  }
+  return all;
+}
+
 }  // namespace celadon

@@ -24,6 +24,8 @@ class ErrorMap {
   }
   /// Those of both. @pre of the same base
   void merge(const ErrorMap& other);
+  /// Of a surface that consists of `sectors` of this one's, every second mirrored if asked for.
+  ErrorMap repeated(int sectors, bool mirrored) const;
   bool empty() const { return counts_.empty(); }
   /// Mean error; nullopt: no samples.
   std::optional<double> mean_mm(int along, int around) const {

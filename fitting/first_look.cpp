@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <utility>
 
 namespace celadon {
@@ -38,18 +39,22 @@ void FirstLook::merge(const FirstLook& other) {
 }
 
 void FirstLook::add(const Profile& profile) {
+  v_.resize(profile.size());
+  arcs_.place(profile.theta_rad.data(), profile.size(), v_.data());
+  add(profile, v_);
+}
+
+void FirstLook::add(const Profile& profile, std::span<const double> v) {
   const std::size_t n = profile.size();
   points_ += n;
   profiles_ += profile.order == ProfileOrder::rows ? 1 : std::numeric_limits<double>::infinity();
   covariances_ = covariances_ || !profile.covariance.empty();
-  v_.resize(n);
-  arcs_.place(profile.theta_rad.data(), n, v_.data());
   for (std::size_t k = 0; k < n; ++k) {
     const double r = profile.r_mm[k], z = profile.z_mm[k];
-    if (!(r > 0 && std::isfinite(r) && v_[k] >= 0)) continue;
+    if (!(r > 0 && std::isfinite(r) && v[k] >= 0)) continue;
     if (!(z >= specification_.z_start_mm && z <= specification_.z_end_mm)) continue;
-    samples_.add(hash_of(r, v_[k], z), [&] { return SamplePoint{r, v_[k], z}; });
-    extents_.add(v_[k], z);
+    samples_.add(hash_of(r, v[k], z), [&] { return SamplePoint{r, v[k], z}; });
+    extents_.add(v[k], z);
   }
 }
 
@@ -61,12 +66,28 @@ void merge(GatheredSamples& samples, const GatheredSamples& others) {
 GatheredSamples gather(ProfileStream& samples, const GridSpecification& grid) {
   MomentGrid sums(grid);
   FirstLook look(sums);
+  std::vector<double> v;
   samples.rewind();
   while (const Profile* profile = samples.next()) {
-    sums.add(profile->r_mm, profile->theta_rad, profile->z_mm);
-    look.add(*profile);
+    v.resize(profile->size());
+    grid.arcs.place(profile->theta_rad.data(), v.size(), v.data());
+    sums.add_synchronised(profile->r_mm, v, profile->z_mm);
+    look.add(*profile, v);
   }
   return {std::move(sums), std::move(look)};
+}
+
+GatheredSamples gather(ProfileParts parts, const GridSpecification& grid, const Executor& executor) {
+  std::vector<std::optional<GatheredSamples>> gathered(parts.size());
+  executor(static_cast<int>(parts.size()), [&](int k) {
+    const auto at = static_cast<std::size_t>(k);
+    gathered[at] = gather(*parts[at], grid);
+  });
+  for (std::size_t k = 1; k < gathered.size(); ++k) {
+    merge(*gathered.front(), *gathered[k]);
+    gathered[k].reset();
+  }
+  return std::move(*gathered.front());
 }
 
 }  // namespace celadon

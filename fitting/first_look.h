@@ -3,10 +3,12 @@
 // Source: README.md, "Passes".
 
 #include <cstddef>
+#include <span>
 #include <vector>
 
 #include "fitting/coverage.h"
 #include "fitting/even_sample.h"
+#include "fitting/executor.h"
 #include "fitting/moment_grid.h"
 #include "fitting/profile.h"
 
@@ -27,6 +29,8 @@ class FirstLook {
   FirstLook(const MomentGrid& sums, EvenSample<SamplePoint> samples, SectorExtents extents, std::size_t points);
 
   void add(const Profile& profile);
+  /// The same with v as BaseArcs::place() gives it of the profile's angles.
+  void add(const Profile& profile, std::span<const double> v);
   /// What another look has seen of other samples. @pre over the same band
   void merge(const FirstLook& other);
 
@@ -60,5 +64,7 @@ void merge(GatheredSamples& samples, const GatheredSamples& others);
 
 /// One pass over a stream. @pre its samples are over the grid's base
 GatheredSamples gather(ProfileStream& samples, const GridSpecification& grid);
+/// The same of parts, each read once. @pre one at least; the same parts give the same bits whatever the executor
+GatheredSamples gather(ProfileParts parts, const GridSpecification& grid, const Executor& executor);
 
 }  // namespace celadon

@@ -83,9 +83,10 @@ NormalEquations FitLadder::equations(int level_u, int level_v, Variation variati
 
 int FitLadder::unknowns(int level_u, int level_v, Variation variation) const {
   const int arcs = sums_.arcs().count(), intervals = arcs * intervals_per_arc(level_v);
-  const bool plain = degree_v_ <= 2 || continuity_ == JointContinuity::thesis, closed = sums_.arcs().closed();
+  const bool plain = degree_v_ <= 2 || continuity_ == JointContinuity::thesis, closed = sums_.arcs().periodic();
   const int at_joints = plain ? 0 : (closed ? arcs : arcs - 1) * (degree_v_ - 3);
-  const int v = intervals + at_joints + (closed ? 0 : degree_v_);
+  int v = intervals + at_joints + (closed ? 0 : degree_v_);
+  if (sums_.arcs().ends() == ArcEnds::mirrored && degree_v_ > 1) v = std::max(1, v - 2);
   const int around = variation.around_v ? v : 1;
   if (!variation.along_u) return around;
   const bool joint = joint_cell() > 0 && degree_u_ >= 3 && continuity_ == JointContinuity::curvature;

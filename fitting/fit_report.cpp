@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdarg>
 #include <cstdio>
 #include <limits>
@@ -11,6 +12,12 @@
 #include "fitting/model_selection.h"
 
 namespace celadon {
+namespace {
+
+// Standard deviations from which a constraint is worth a warning.
+constexpr double kContradicted = 4;
+
+}  // namespace
 
 std::string text(const char* format, ...) {
   std::array<char, 500> buffer;
@@ -45,6 +52,9 @@ std::optional<FitError> refuse(const MomentGrid& sums, const RangeFitOptions& op
                          options.degree_v, grid.degree_u, grid.degree_v)};
   if (options.z_intervals.has_value() != options.intervals_per_arc.has_value())
     return FitError{"fixed numbers of intervals must be given for both directions or for none"};
+  if (options.constraints.any() && options.base == BaseKind::sphere)
+    return FitError{"radii and angles can be held over a cylinder only; leave them out, or fit a cylinder"};
+  if (auto error = refuse(options.constraints)) return error;
   if (sums.samples() == 0 && sums.rejected() == 0)
     return FitError{"there are no samples; scan the object or name another input"};
   if (sums.samples() > 0) return std::nullopt;
@@ -165,6 +175,11 @@ void warn(RangeFit& fit, const CoveredBand& band) {
   if (share(report.rejected) > 1)
     report.warnings.push_back(text("%zu samples (%.2f %%) were rejected as outliers or not usable.", report.rejected,
                                    share(report.rejected)));
+  for (const HeldConstraint& held : report.constraints)
+    if (std::abs(held.alone - held.asked) > kContradicted * held.alone_sd)
+      report.warnings.push_back(text("The samples contradict what is held, %s: by themselves they have %.6g %s there.",
+                                     held.what.c_str(), held.alone * (held.is_angle ? 180 / std::numbers::pi : 1),
+                                     held.is_angle ? "degrees" : "mm"));
   if (report.cut_below_mm > 0.005 * height)
     report.warnings.push_back(
         text("%.3g mm at the lower rim were measured but not all around, and are cut.", report.cut_below_mm));

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "fitting/banded_cholesky.h"
 #include "fitting/dense_product.h"
 
 namespace celadon {
@@ -13,6 +14,8 @@ namespace {
 
 constexpr int kSmall = 320;    // unknowns up to which the direct factor is always the quicker way
 constexpr double kSparse = 8;  // and samples an unknown below which it is
+// Functions of a direction above which its Gram matrix is solved as a band: below, its inverse is multiplied sooner.
+constexpr int kDense = 160;
 // Of the probes that estimate a trace, whose own scatter is far larger.
 constexpr double kProbeTolerance = 1e-4;
 
@@ -68,6 +71,7 @@ struct NormalSolver::Preconditioner {
   Eigen::MatrixXd left_u, left_u_transposed, right_v;
   Eigen::ArrayXXd scale;
   bool spectral = false, usable = true;
+  std::optional<BandedCholesky> banded_u, banded_v;  // in place of the inverses where these are large
 
   Preconditioner(const NormalEquations& equations, SmoothingBasis& basis, double mu) {
     const StencilMatrix& a = equations.matrix();
@@ -87,16 +91,22 @@ struct NormalSolver::Preconditioner {
         }
     } else {
       const SampleGram gram(a);
-      const Eigen::LLT<Eigen::MatrixXd> u(gram.along_u), v(gram.around_v);
-      usable = u.info() == Eigen::Success && v.info() == Eigen::Success;
-      if (!usable) return;
-      left_u = with_padded_rows(u.solve(Eigen::MatrixXd::Identity(a.count_u(), a.count_u())));
-      right_v = v.solve(Eigen::MatrixXd::Identity(a.count_v(), a.count_v()));
       for (int j = 0; j < a.count_v(); ++j)
         for (int i = 0; i < a.count_u(); ++i) {
           const double d = a.diagonal(i, j);
           scale(i, j) = d > 0 ? std::sqrt(gram.along_u(i, i) * gram.around_v(j, j) / d) : 0;
         }
+      if (std::max(a.count_u(), a.count_v()) > kDense) {
+        banded_u.emplace(gram.along_u, a.band_u());
+        banded_v.emplace(gram.around_v, a.planes_v() / 2);
+        usable = banded_u->ok() && banded_v->ok();
+        return;
+      }
+      const Eigen::LLT<Eigen::MatrixXd> u(gram.along_u), v(gram.around_v);
+      usable = u.info() == Eigen::Success && v.info() == Eigen::Success;
+      if (!usable) return;
+      left_u = with_padded_rows(u.solve(Eigen::MatrixXd::Identity(a.count_u(), a.count_u())));
+      right_v = v.solve(Eigen::MatrixXd::Identity(a.count_v(), a.count_v()));
     }
   }
 
@@ -120,6 +130,13 @@ struct NormalSolver::Preconditioner {
       work.setZero();
       add_transposed_product(1, half, right_v, work);
       to = work.topRows(a.count_u());
+    } else if (banded_u) {
+      // Solved along columns, which are contiguous: once as it is and once transposed.
+      Eigen::MatrixXd across = (from.array() * scale).matrix();
+      banded_v->divide(across);
+      Eigen::MatrixXd along = across.transpose();
+      banded_u->divide(along);
+      to = (along.transpose().array() * scale).matrix();
     } else {
       work.topRows(a.count_u()) = (from.array() * scale).matrix();
       multiplied(half, left_u, work);

@@ -17,6 +17,7 @@
 #include "fitting/fit_report.h"
 #include "fitting/knot_selection.h"
 #include "fitting/model_selection.h"
+#include "fitting/pole_choice.h"
 #include "fitting/robust_reference.h"
 #include "fitting/weighing.h"
 
@@ -135,7 +136,7 @@ tl::expected<std::unique_ptr<Domain>, FitError> make_domain(const MomentGrid& su
   const FitLadder all(sums, {0, sums.z_cells()}, options.degree_u, options.degree_v, options.continuity);
   if (auto error = refuse_too_few(sums, all, options)) return tl::unexpected(*error);
   CoveredBand band = find_covered_band(sums, extents);
-  band.cells.poles.rule = options.pole_rule;
+  band.cells.poles.rule = options.pole_rule.value_or(PoleRule::jet);
   if (auto error = refuse(band, whole_turn)) return tl::unexpected(*error);
   if (auto error = reach(band, sums, options)) return tl::unexpected(*error);
   return std::make_unique<Domain>(sums, band, options, profiles);
@@ -345,13 +346,31 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
   report.decided_by = decision->decided_by;
   report.stopped_by = choice->stopped_by;
   const CoveredBand& band = (*domain)->band;
+  PoleChoice poles;
+  if (!options.pole_rule && band.cells.poles.any() && knots.variation.along_u && knots.variation.around_v) {
+    poles = choose_poles((*domain)->ladder, options.degree_u, options.degree_v, options.continuity, look.profiles(),
+                         knots, *choice);
+    report.poles = poles.told;
+    if (poles.level) choice = std::move(poles.level);
+  }
+  if (options.constraints.any()) {
+    Variation variation = knots.variation;
+    auto held = hold(options.constraints, along ? *along : (*domain)->ladder, band.z_start_mm, band.z_end_mm,
+                     noise.variance, noise.inflation, choice->fit, variation);
+    if (!held) return tl::unexpected(held.error());
+    report.constraints = std::move(*held);
+    if (variation.along_u != knots.variation.along_u)
+      report.model = variation.around_v ? SurfaceModel::general : SurfaceModel::revolution;
+  }
   RangeFit& fit = result.fit;
   fit.function = range_function(*choice->fit.equations, choice->fit.free).clipped(band.z_start_mm, band.z_end_mm);
   if (auto error = refuse_crossing(fit.function)) return tl::unexpected(*error);
   fit.surface = symbolic_product(fit.function);
   describe(fit, band, *(*domain)->sums);
   const MemberSamples samples{.sums = along ? *weighing.revolution : *(*domain)->sums,
-                              .ladder = along ? *along : (*domain)->ladder,
+                              .ladder = along                ? *along
+                                        : poles.level_ladder ? *poles.level_ladder
+                                                             : (*domain)->ladder,
                               .noise_variance = noise.variance,
                               .inflation = noise.inflation,
                               .profiles = look.profiles(),

@@ -11,6 +11,7 @@
 
 #include <tl/expected.hpp>
 
+#include "fitting/constraints.h"
 #include "fitting/coverage.h"
 #include "fitting/deviation_map.h"
 #include "fitting/error_histogram.h"
@@ -41,7 +42,7 @@ struct RangeFitOptions {
   std::optional<double> form_tolerance_mm{};  ///< delta of the model selection; default systematic_mm, else 1e-9 x size
   double systematic_mm = 0;                   ///< systematic uncertainty of the calibration
   JointContinuity continuity = JointContinuity::curvature;
-  PoleRule pole_rule = PoleRule::jet;  ///< of closed poles of a sphere
+  std::optional<PoleRule> pole_rule{};  ///< of closed poles of a sphere; default: the one that predicts better
   /// Fixed numbers of intervals instead of the data's choice (both or neither).
   std::optional<int> z_intervals{}, intervals_per_arc{};
   /// Coordinates along the base (z in mm, or w) at which the samples end but the object goes on: the surface reaches
@@ -52,6 +53,7 @@ struct RangeFitOptions {
   /// Fairing: as little bending energy of the range as moves 95 % of the surface by no more than this along rays; 0:
   /// none. Of F, so that nothing shrinks: constants have no energy.
   double fair_mm = 0;
+  Constraints constraints{};  ///< held exactly, over a cylinder only
 };
 
 struct ErrorSummary {
@@ -69,9 +71,11 @@ struct RangeFitReport {
   double coverage = 0;                        ///< share of the clipped band's area with samples, 0..1
   std::string decided_by;                     ///< which test chose the model; both decisions
   std::string stopped_by;                     ///< what ended the refinement
+  std::string poles;                          ///< which rule closes the poles, and why; empty: there was no choice
   double z_start_mm = 0, z_end_mm = 0;        ///< band of the surface over a cylinder
   double phi_start_rad = 0, phi_end_rad = 0;  ///< over a sphere; 0 and pi: closed poles
   double cut_below_mm = 0, cut_above_mm = 0;  ///< measured but cut at the rims, along the meridian
+  std::vector<HeldConstraint> constraints{};  ///< that hold exactly
   std::vector<std::string> warnings;          ///< what an operator should know, one sentence each
 };
 

@@ -72,24 +72,29 @@ RangeSpace RangeSpace::over(int degree, const BaseArcs& arcs, int intervals_per_
 RangeSpace RangeSpace::over(int degree, const BaseArcs& arcs, std::vector<double> breaks, JointContinuity continuity) {
   require_degree(degree);
   require_ascending(breaks);
-  bool good = arcs.closed() ? breaks.front() == 0 && breaks.back() == arcs.count()
-                            : breaks.front() >= 0 && breaks.back() <= arcs.count();
+  const bool whole = arcs.ends() != ArcEnds::free;
+  bool good = whole ? breaks.front() == 0 && breaks.back() == arcs.count()
+                    : breaks.front() >= 0 && breaks.back() <= arcs.count();
   for (int j = 1; j < arcs.count(); ++j) {
     const bool within = breaks.front() < j && j < breaks.back();
     good = good && (!within || std::binary_search(breaks.begin(), breaks.end(), j));
   }
   if (!good) throw std::invalid_argument("RangeSpace::over: breaks must run over the arcs and hold every joint");
   const bool simple = degree < 3 || continuity == JointContinuity::thesis;
-  if (simple && !arcs.closed()) return open(degree, std::move(breaks));
+  if (simple && arcs.ends() == ArcEnds::free) return open(degree, std::move(breaks));
   RangeSpace space;
   space.degree_ = degree;
-  space.periodic_ = arcs.closed();
+  space.periodic_ = arcs.periodic();
   space.breaks_ = std::move(breaks);
-  if (simple) {
+  if (!simple) {
+    space.extract_curvature_continuous(arcs);
+  } else if (space.periodic_) {
     space.extract_simple_periodic();
   } else {
-    space.extract_curvature_continuous(arcs);
+    space.knots_ = clamped_knots(degree, space.breaks_);
+    space.extraction_ = identity(space.intervals() + degree);
   }
+  if (arcs.ends() == ArcEnds::mirrored && degree > 1) space.level_at_ends();
   space.tabulate();
   return space;
 }
@@ -219,6 +224,16 @@ void RangeSpace::extract_curvature_continuous(const BaseArcs& arcs) {
   }
   extraction_.resize(count, free);
   extraction_.setFromTriplets(entries.begin(), entries.end());
+}
+
+// F' = 0 at both ends: their two outermost functions in one each. What is mirrored there is curvature continuous then.
+void RangeSpace::level_at_ends() {
+  const int n = free_count(), left = std::max(1, n - 2);
+  Triplets entries;
+  for (int k = 0; k < n; ++k) entries.emplace_back(k, std::clamp(k - 1, 0, left - 1), 1);
+  Eigen::SparseMatrix<double> joined(n, left);
+  joined.setFromTriplets(entries.begin(), entries.end());
+  extraction_ = (extraction_ * joined).pruned();
 }
 
 std::span<const int> RangeSpace::active(int interval) const {

@@ -23,9 +23,10 @@ class RangeSpace {
   static RangeSpace constant(std::vector<double> breaks);
   /// Clamped splines of the given degree with simple interior knots at the breaks. @pre degree 1..5, breaks ascending
   static RangeSpace open(int degree, std::vector<double> breaks);
-  /// Splines over base arcs, uniform `intervals_per_arc` in v on each: closed around the full circle, clamped at the
-  /// ends of an open range. Degrees 1 and 2, and JointContinuity::thesis, have simple knots; otherwise multiplicity
-  /// degree - 1 at each joint and the condition F''(v+) - F''(v-) = 4(1 - w) F'(v). @pre degree 1..5
+  /// Splines over base arcs, uniform `intervals_per_arc` in v on each: closed around the full circle and over periodic
+  /// sectors, clamped at the ends of an open range, with r'(theta) = 0 there if these are mirrored (degree 2 and up).
+  /// Degrees 1 and 2, and JointContinuity::thesis, have simple knots; otherwise multiplicity degree - 1 at each joint
+  /// and the condition F''(v+) - F''(v-) = 4(1 - w) F'(v). @pre degree 1..5
   static RangeSpace over(int degree, const BaseArcs& arcs, int intervals_per_arc,
                          JointContinuity continuity = JointContinuity::curvature);
   /// The same over any breaks: ascending from 0 to arcs.count(), or between two parameters of open arcs, every joint
@@ -55,6 +56,7 @@ class RangeSpace {
   RangeSpace() = default;
   void extract_simple_periodic();
   void extract_curvature_continuous(const BaseArcs& arcs);
+  void level_at_ends();
   void tabulate();
   int degree_ = 0;
   bool periodic_ = false;

@@ -68,6 +68,10 @@ class CameraTimeline {
   void mark_rendered(std::uint64_t number);
   /// The oldest frame that is rendered and has arrived.
   std::optional<FrameTicket> take(std::int64_t now_ns);
+  /// The oldest frame under way, whatever its state.
+  const FrameTicket* oldest() const { return under_way_.empty() ? nullptr : &under_way_.front(); }
+  /// The same as take() for a host that is no further away than the bus: as soon as it is rendered.
+  std::optional<FrameTicket> take_read_out() { return take(INT64_MAX); }
 
   /// Faults: the next frames are lost; each frame arrives that much later.
   void lose_next(int frames) { lose_ = frames; }

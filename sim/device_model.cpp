@@ -104,6 +104,7 @@ void DeviceModel::tick() {
   } else if (fault_since_ns_ == 0) {
     fault_since_ns_ = now_ns_;
   }
+  if (sampled_) sampled_();
 }
 
 void DeviceModel::advance_to(std::int64_t time_ns) {

@@ -87,6 +87,8 @@ class DeviceModel final : private Plant {
   /// Called from advance_to() for every frame that has been read out, in order. Returns true if the picture is done,
   /// false if camera().mark_rendered() will be called later.
   void set_render(std::function<bool(const RenderOrder&)> render) { render_ = std::move(render); }
+  /// Called after each millisecond's step of the controller.
+  void set_sampled(std::function<void()> sampled) { sampled_ = std::move(sampled); }
   /// Advances the clock until a frame has arrived, the time is over or the camera is gone.
   std::optional<FrameTicket> advance_to_frame(std::int64_t until_ns);
 
@@ -154,6 +156,7 @@ class DeviceModel final : private Plant {
   std::int64_t last_stamp_ns_ = INT64_MIN, dark_since_ns_ = 0, fault_since_ns_ = 0, struck_ns_ = 0;
   bool disconnect_ = false;
   std::function<bool(const RenderOrder&)> render_;
+  std::function<void()> sampled_;
 };
 
 /// "2026-05-17T09:30:00Z" of a system time.

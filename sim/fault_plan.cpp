@@ -18,7 +18,7 @@ using When = FaultOrder::When;
 constexpr std::uint64_t kPlanPurpose = 11;
 constexpr double kMostSeconds = 1e6;
 
-constexpr std::array<FaultKind, 38> kKinds{{
+constexpr std::array<FaultKind, 39> kKinds{{
     // link
     {"modbus-silent", "requests are done but not answered", "REQUESTS (0: until cleared)", 0, 0, 1e6, Lasts::count},
     {"heartbeat-lost", "requests neither arrive nor are answered", "REQUESTS (0: until cleared)", 0, 0, 1e6,
@@ -65,6 +65,7 @@ constexpr std::array<FaultKind, 38> kKinds{{
     {"delay-frames", "frames arrive later", "MS", 100, 0, 60e3, Lasts::until_cleared},
     {"stamp-step", "the clock that stamps frames is off by this much", "MS", 250, -60e3, 60e3, Lasts::until_cleared},
     {"camera-unplug", "the camera is gone (ENODEV) until cleared", "", 0, 0, 0, Lasts::until_cleared},
+    {"usb-unplug", "controller and camera are pulled out of USB until cleared", "", 0, 0, 0, Lasts::until_cleared},
     {"camera-nudge", "the camera turns about its vertical, once", "DEG", 0.2, -10, 10, Lasts::once},
     // object and room
     {"vibration", "the camera shakes about its vertical at 31 Hz", "DEG", 0.02, 0, 10, Lasts::until_cleared},

@@ -1,8 +1,6 @@
 #include "sim/frame_server.h"
 
-#include <fcntl.h>
 #include <poll.h>
-#include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 
@@ -16,7 +14,6 @@ namespace celadon::sim {
 namespace {
 
 constexpr std::size_t kMaxReaders = 8;
-constexpr std::size_t kPage = 4096;
 
 bool send_hello(int fd, const frame_ring::Hello& hello, int memory) {
   iovec data{const_cast<frame_ring::Hello*>(&hello), sizeof hello};
@@ -62,42 +59,17 @@ tl::expected<FileDescriptor, std::string> listen_unix(const std::filesystem::pat
 }
 
 tl::expected<std::unique_ptr<FrameServer>, std::string> FrameServer::open(const std::filesystem::path& socket_path,
-                                                                          DeviceModel& model, Pacer& pacer) {
-  std::unique_ptr<FrameServer> server(new FrameServer(model, pacer));
-  const CameraConfig& camera = model.config().camera;
-  server->slot_bytes_ = (camera.frame_bytes() + kPage - 1) / kPage * kPage;
-  const std::size_t total = server->slot_bytes_ * camera.slots;
-  server->memory_.reset(memfd_create("celadon-sim frames", MFD_CLOEXEC | MFD_ALLOW_SEALING));
-  if (!server->memory_ || ftruncate(server->memory_.get(), static_cast<off_t>(total)) != 0 ||
-      fcntl(server->memory_.get(), F_ADD_SEALS, F_SEAL_SHRINK) != 0) {
-    return tl::unexpected(system_text("reserving " + std::to_string(total) + " bytes for frames"));
-  }
-  void* mapped = mmap(nullptr, total, PROT_READ | PROT_WRITE, MAP_SHARED, server->memory_.get(), 0);
-  if (mapped == MAP_FAILED) return tl::unexpected(system_text("mapping the frames"));
-  server->slots_ = {static_cast<std::uint8_t*>(mapped), total};
-  server->painter_ =
-      std::make_unique<SlotPainter>(model.scene(), model.config().optics, camera, server->slots_, server->slot_bytes_);
+                                                                          DeviceModel& model, Pacer& pacer,
+                                                                          FrameStore& store) {
+  std::unique_ptr<FrameServer> server(new FrameServer(model, pacer, store));
   auto listener = listen_unix(socket_path, SOCK_SEQPACKET);
   if (!listener) return tl::unexpected(listener.error());
   server->listener_ = *std::move(listener);
   server->path_ = socket_path;
-  FrameServer* self = server.get();
-  if (!pacer.lock_step()) self->worker_ = std::make_unique<RenderWorker>(*self->painter_);
-  model.set_render([self](const DeviceModel::RenderOrder& order) {
-    if (self->worker_) {
-      self->worker_->submit(order);
-      return false;
-    }
-    self->painter_->paint(order);
-    return true;
-  });
   return server;
 }
 
 FrameServer::~FrameServer() {
-  model_.set_render({});
-  worker_.reset();
-  if (!slots_.empty()) munmap(slots_.data(), slots_.size());
   if (!path_.empty()) {
     std::error_code ignored;
     std::filesystem::remove(path_, ignored);
@@ -106,21 +78,17 @@ FrameServer::~FrameServer() {
 
 void FrameServer::collect(std::vector<pollfd>& polls) {
   polls.push_back({listener_.get(), POLLIN, 0});
-  polls.push_back({worker_ ? worker_->ready_fd() : -1, POLLIN, 0});
   for (const auto& client : clients_) polls.push_back({client->fd.get(), POLLIN, 0});
 }
 
 void FrameServer::serve(const pollfd* polls, std::size_t count) {
-  if (worker_) {
-    for (const std::uint64_t number : worker_->finished()) model_.camera().mark_rendered(number);
-  }
-  for (std::size_t i = 0; i < clients_.size() && i + 2 < count; ++i) {
-    if (polls[i + 2].revents != 0) receive(*clients_[i]);
+  for (std::size_t i = 0; i < clients_.size() && i + 1 < count; ++i) {
+    if (polls[i + 1].revents != 0) receive(*clients_[i]);
   }
   if (model_.camera_unplugged()) {
     // As with a real device: an open camera stays dead when it comes back; it must be opened anew.
     for (const auto& client : clients_) client->unplugged = true;
-    streaming_client_ = 0;
+    store_.forget();
   }
   for (const auto& client : clients_) serve_waiting(*client);
   std::erase_if(clients_, [](const auto& client) { return client->closed; });
@@ -133,7 +101,7 @@ void FrameServer::accept_client() {
   const CameraConfig& camera = model_.camera().config();
   frame_ring::Hello hello;
   hello.slot_count = camera.slots;
-  hello.slot_bytes = static_cast<std::uint32_t>(slot_bytes_);
+  hello.slot_bytes = static_cast<std::uint32_t>(store_.slot_bytes());
   hello.width_px = static_cast<std::uint32_t>(camera.width_px);
   hello.height_px = static_cast<std::uint32_t>(camera.height_px);
   hello.stride_bytes = static_cast<std::uint32_t>(camera.stride_bytes());
@@ -144,7 +112,7 @@ void FrameServer::accept_client() {
   hello.exposure_ns = camera.exposure_ns;
   const std::string identity = model_.camera_identity().substr(0, sizeof hello.identity - 1);
   std::memcpy(hello.identity, identity.c_str(), identity.size());
-  if (!send_hello(fd.get(), hello, memory_.get())) return;
+  if (!send_hello(fd.get(), hello, store_.memory())) return;
   auto client = std::make_unique<Client>();
   client->fd = std::move(fd);
   client->number = pacer_.new_client();
@@ -154,10 +122,7 @@ void FrameServer::accept_client() {
 void FrameServer::close_client(Client& client) {
   if (client.closed) return;
   client.closed = true;
-  if (streaming_client_ == client.number) {
-    model_.camera().stop();
-    streaming_client_ = 0;
-  }
+  store_.stop(client.number);
   pacer_.forget(client.number);
 }
 
@@ -176,19 +141,14 @@ void FrameServer::handle(Client& client, const frame_ring::Request& request) {
   pacer_.catch_up();
   if (model_.camera_unplugged()) client.unplugged = true;
   CameraTimeline& camera = model_.camera();
-  const bool streams = streaming_client_ == client.number;
+  const bool streams = store_.streams(client.number);
   switch (request.kind) {
     case RequestKind::start:
       if (client.unplugged) return reply_fault(client, ENODEV);
-      if (streaming_client_ != 0 && !streams) return reply_fault(client, EBUSY);
-      streaming_client_ = client.number;
-      camera.start(model_.now_ns());
+      if (!store_.start(client.number)) return reply_fault(client, EBUSY);
       return reply(client, {.kind = frame_ring::ReplyKind::started});
     case RequestKind::stop:
-      if (streams) {
-        camera.stop();
-        streaming_client_ = 0;
-      }
+      store_.stop(client.number);
       return reply(client, {.kind = frame_ring::ReplyKind::stopped});
     case RequestKind::next:
       return next_frame(client, request.value);
@@ -209,7 +169,7 @@ void FrameServer::handle(Client& client, const frame_ring::Request& request) {
 
 void FrameServer::next_frame(Client& client, std::int64_t timeout_ns) {
   if (client.unplugged) return reply_fault(client, ENODEV);
-  if (streaming_client_ != client.number) return reply_fault(client, EINVAL);
+  if (!store_.streams(client.number)) return reply_fault(client, EINVAL);
   constexpr std::int64_t kLongest_ns = 3'600'000'000'000;
   const std::int64_t deadline = model_.now_ns() + std::clamp<std::int64_t>(timeout_ns, 0, kLongest_ns);
   if (pacer_.lock_step()) {

@@ -11,16 +11,17 @@
 
 #include "acquisition/frame_ring.h"
 #include "sim/file_descriptor.h"
+#include "sim/frame_store.h"
 #include "sim/pacer.h"
-#include "sim/render_worker.h"
 
 namespace celadon::sim {
 
 class FrameServer final : public Service {
  public:
-  /// Renders in lock-step within the clock's advance, else in a thread of its own.
+  /// @pre all outlive it
   static tl::expected<std::unique_ptr<FrameServer>, std::string> open(const std::filesystem::path& socket_path,
-                                                                      DeviceModel& model, Pacer& pacer);
+                                                                      DeviceModel& model, Pacer& pacer,
+                                                                      FrameStore& store);
   ~FrameServer() override;
   FrameServer(const FrameServer&) = delete;
   FrameServer& operator=(const FrameServer&) = delete;
@@ -38,7 +39,7 @@ class FrameServer final : public Service {
     bool closed = false;
   };
 
-  FrameServer(DeviceModel& model, Pacer& pacer) : model_(model), pacer_(pacer) {}
+  FrameServer(DeviceModel& model, Pacer& pacer, FrameStore& store) : model_(model), pacer_(pacer), store_(store) {}
   void accept_client();
   void receive(Client& client);
   void handle(Client& client, const frame_ring::Request& request);
@@ -51,14 +52,10 @@ class FrameServer final : public Service {
 
   DeviceModel& model_;
   Pacer& pacer_;
+  FrameStore& store_;
   std::filesystem::path path_;
-  FileDescriptor listener_, memory_;
-  std::span<std::uint8_t> slots_;
-  std::size_t slot_bytes_ = 0;
-  std::unique_ptr<SlotPainter> painter_;
-  std::unique_ptr<RenderWorker> worker_;
+  FileDescriptor listener_;
   std::vector<std::unique_ptr<Client>> clients_;
-  std::uint64_t streaming_client_ = 0;
 };
 
 /// A listening Unix socket at a path; an old socket there that nobody serves is replaced.

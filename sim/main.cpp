@@ -21,6 +21,7 @@
 namespace celadon::sim {
 namespace {
 
+constexpr const char* kUsbipAddress = "127.0.0.1:3240";
 constexpr int kGood = 0, kNo = 1, kInput = 2, kDevice = 3, kSystem = 4;
 
 int fail(int code, const std::string& sentence) {
@@ -31,7 +32,7 @@ int fail(int code, const std::string& sentence) {
 /// Everything the command line says.
 struct Options {
   std::string scene = "vase", format = "grey", shutter = "global", speed = "real", modbus_tcp = "127.0.0.1:0",
-              modbus_rtu, date;
+              modbus_rtu, usbip, date;
   std::uint64_t seed = 1;
   int width = 1280, height = 1024;
   double fps = 60, exposure_ms = 4, delay_ms = 8, sheet_offset_mm = 0.3, sheet_tilt_mrad = 2, sheet_sigma_mm = 0.25;
@@ -137,6 +138,7 @@ int serve(const Options& o) {
   options.modbus_tcp = o.modbus_tcp == "none" ? "" : o.modbus_tcp;
   options.modbus_rtu = !o.modbus_rtu.empty();
   options.modbus_rtu_link = o.modbus_rtu == "auto" ? "" : o.modbus_rtu;
+  options.usbip = o.usbip;
   options.socket_dir = o.socket_dir;
   options.faults = o.faults;
   for (const std::string& text : o.faults) {
@@ -293,6 +295,12 @@ int run(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--modbus-rtu", o.modbus_rtu,
                  "serve Modbus RTU on a pseudo terminal: a path for a link to it, or auto");
+  auto* usbip =
+      app.add_option(
+             "--usbip", o.usbip,
+             "be a USB device, controller and camera: over USB/IP on HOST:PORT (127.0.0.1:3240 unless given), or "
+             "attach: in this machine's kernel (as root, with the module vhci-hcd)")
+          ->expected(0, 1);
   app.add_option("--speed", o.speed, "real: real time; max: lock-step, time moves by declared waits")
       ->check(CLI::IsMember({"real", "max"}))
       ->capture_default_str();
@@ -355,8 +363,12 @@ int run(int argc, char** argv) {
     return print_truth(o, truth_angle, truth_z);
   }
   if (frame->parsed()) return write_frame(o, frame_angle, frame_speed, !frame_dark, frame_file);
-  if (o.modbus_tcp == "none" && o.modbus_rtu.empty() && o.socket_dir.empty()) {
-    return fail(kInput, "there is nothing to serve; give --socket-dir, --modbus-tcp or --modbus-rtu");
+  if (usbip->count() > 0 && o.usbip.empty()) o.usbip = kUsbipAddress;
+  if (o.modbus_tcp == "none" && o.modbus_rtu.empty() && o.usbip.empty() && o.socket_dir.empty()) {
+    return fail(kInput, "there is nothing to serve; give --socket-dir, --modbus-tcp, --modbus-rtu or --usbip");
+  }
+  if (!o.usbip.empty() && o.speed == "max") {
+    return fail(kInput, "a USB host runs in real time; leave out --speed max or --usbip");
   }
   return serve(o);
 }

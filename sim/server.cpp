@@ -7,6 +7,8 @@
 #include <ctime>
 #include <nlohmann/json.hpp>
 
+#include "sim/usbip_server.h"
+
 namespace celadon::sim {
 namespace {
 
@@ -34,6 +36,22 @@ tl::expected<std::unique_ptr<Server>, std::string> Server::open(const ServerOpti
   const auto plan = parse_fault_plan(options.fault_plan, {server->model_.now_ns(), options.device.seed, 0});
   if (!plan) return tl::unexpected(plan.error());
   for (const FaultOrder& order : *plan) server->model_.inject(order);
+  auto store = FrameStore::open(server->model_, options.lock_step);
+  if (!store) return tl::unexpected(store.error());
+  FrameStore& frame_store = **store;
+  server->services_.push_back(*std::move(store));
+  if (!options.usbip.empty()) {
+    auto usbip = std::make_unique<UsbipServer>(server->model_, server->pacer_, frame_store);
+    if (options.usbip == "attach") {
+      if (auto attached = usbip->attach(); !attached) return tl::unexpected(attached.error());
+      server->usbip_address_ = options.usbip;
+    } else {
+      auto address = usbip->listen(options.usbip);
+      if (!address) return tl::unexpected(address.error());
+      server->usbip_address_ = *address;
+    }
+    server->services_.push_back(std::move(usbip));
+  }
   auto modbus = std::make_unique<ModbusServer>(server->model_, server->pacer_);
   if (!options.modbus_tcp.empty()) {
     auto url = modbus->listen_tcp(options.modbus_tcp);
@@ -52,7 +70,7 @@ tl::expected<std::unique_ptr<Server>, std::string> Server::open(const ServerOpti
     std::filesystem::create_directories(options.socket_dir, error);
     if (error)
       return tl::unexpected("making the folder " + options.socket_dir.string() + " failed: " + error.message());
-    auto frames = FrameServer::open(options.socket_dir / "frames.sock", server->model_, server->pacer_);
+    auto frames = FrameServer::open(options.socket_dir / "frames.sock", server->model_, server->pacer_, frame_store);
     if (!frames) return tl::unexpected(frames.error());
     server->services_.push_back(*std::move(frames));
     auto control =
@@ -71,6 +89,7 @@ std::string Server::ready_line() const {
       {"lock_step", options_.lock_step},
       {"machine", model_.machine()}};
   if (!modbus_rtu_url_.empty()) line["modbus_rtu_url"] = modbus_rtu_url_;
+  if (!usbip_address_.empty()) line["usbip"] = usbip_address_;
   return line.dump();
 }
 

@@ -20,6 +20,7 @@ struct ServerOptions {
   std::string modbus_tcp = "127.0.0.1:0";  ///< HOST:PORT, empty: none
   bool modbus_rtu = false;
   std::filesystem::path modbus_rtu_link;  ///< empty: none
+  std::string usbip;                      ///< HOST:PORT; "attach": into this machine's kernel; empty: none
   std::filesystem::path socket_dir;       ///< made if it does not exist
   std::vector<std::string> faults;        ///< NAME[,ARGUMENT][@SECONDS]
   std::string fault_plan;                 ///< text of a plan, CONTROL.md
@@ -47,7 +48,7 @@ class Server {
   DeviceModel model_;
   Pacer pacer_;
   FileDescriptor stop_;
-  std::string modbus_url_, modbus_rtu_url_;
+  std::string modbus_url_, modbus_rtu_url_, usbip_address_;
   std::vector<std::unique_ptr<Service>> services_;
 };
 

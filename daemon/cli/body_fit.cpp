@@ -1,21 +1,95 @@
 #include "daemon/cli/body_fit.h"
 
 #include <algorithm>
+#include <memory>
 #include <utility>
+#include <vector>
 
+#include "daemon/cli/fit_outputs.h"
+#include "daemon/thread_executor.h"
+#include "fitting/even_points.h"
+#include "fitting/flat_ends.h"
+#include "fitting/moved_stream.h"
 #include "fitting/own_frame.h"
 #include "fitting/spherical_stream.h"
+#include "fitting/symmetry.h"
 
 namespace celadon::cli {
 namespace {
 
-// A fit of samples in a local frame as a surface in the frame outside.
-void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL) {
-  const RangeFunction& f = fitted.function;
-  BaseSurface base = f.base();
-  base.X_WB = X_WL * base.X_WB;
-  fitted.function = RangeFunction(base, f.degree_u(), f.degree_v(), f.knots_u(), f.knots_v(), f.coefficients());
-  fitted.surface = symbolic_product(fitted.function);
+constexpr std::size_t kFlatPoints = 24000;
+
+// One sector of the body from all samples, and the whole of it from that.
+tl::expected<RangeFit, FitError> fit_symmetric(ProfileStream& samples, const Symmetry& symmetry,
+                                               RangeFitOptions options) {
+  FoldedStream folded(samples, symmetry);
+  options.arcs = symmetry.sector();
+  auto sector = fit_samples(folded, options);
+  if (!sector) return sector;
+  return unfolded(std::move(*sector), symmetry);
+}
+
+tl::expected<BodyFit, std::string> fit_symmetric_body(ProfileStream& samples, const RangeFitOptions& options,
+                                                      const FitSetting& setting, ResultNotes& notes) {
+  Symmetry symmetry{.fold = setting.symmetry.fold, .mirrored = false, .plane_rad = 0};
+  if (setting.symmetry.mirrored && !setting.symmetry.plane_rad) {
+    const auto without = fit_symmetric(samples, symmetry, options);
+    if (!without) return tl::make_unexpected(without.error().message);
+    const auto plane = find_mirror_plane(without->function, symmetry.fold);
+    if (!plane) return tl::make_unexpected(plane.error().message);
+    symmetry.plane_rad = *plane;
+    setting.lap("mirror");
+  }
+  symmetry.mirrored = setting.symmetry.mirrored;
+  if (setting.symmetry.plane_rad) symmetry.plane_rad = *setting.symmetry.plane_rad;
+  auto fitted = fit_symmetric(samples, symmetry, options);
+  if (!fitted) return tl::make_unexpected(fitted.error().message);
+  if (!setting.X_WL.matrix().isIdentity(0)) place(*fitted, setting.X_WL);
+  notes.symmetry = symmetry;
+  setting.lap("fit");
+  return BodyFit{std::move(*fitted)};
+}
+
+tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
+                                            RangeFitOptions options, const FitSetting& setting, ResultNotes& notes) {
+  if (shape.shape == BodyShape::composite) {
+    auto composite = fit_composite(samples, shape.split, options);
+    if (!composite) return tl::make_unexpected(composite.error().message);
+    for (RangeFit& piece : composite->pieces) place(piece, setting.X_WL);
+    setting.lap("fit");
+    return BodyFit{std::move(*composite)};
+  }
+  if (setting.symmetry.any()) return fit_symmetric_body(samples, options, setting, notes);
+  const bool sphere = shape.shape == BodyShape::sphere;
+  std::vector<std::unique_ptr<SphericalStream>> spherical;
+  std::vector<ProfileStream*> whole(parts.begin(), parts.end());
+  for (ProfileStream*& part : whole)
+    if (sphere) part = spherical.emplace_back(std::make_unique<SphericalStream>(*part, shape.centre_z_mm)).get();
+  JoinedStream stream(whole);
+  options.base = sphere ? BaseKind::sphere : BaseKind::cylinder;
+  auto grid = choose_grid(stream, options);
+  if (!grid) return tl::make_unexpected(grid.error().message);
+  if (options.reach_start) grid->z_start_mm = std::min(grid->z_start_mm, *options.reach_start);
+  if (options.reach_end) grid->z_end_mm = std::max(grid->z_end_mm, *options.reach_end);
+  setting.lap("read");
+  const GatheredSamples gathered = gather(whole, *grid, run_on_all_cores);
+  setting.lap("accumulate");
+  auto surface = fit_surface(gathered.sums, gathered.look, whole, options, run_on_all_cores);
+  if (!surface) return tl::make_unexpected(surface.error().message);
+  if (auto own = setting.off_centre_rule ? fit_in_own_frame(*surface, gathered.look, whole, options, run_on_all_cores)
+                                         : std::nullopt) {
+    notes.about_scanner_axis = surface->fit.report;
+    notes.own_axis = own->frame;
+    notes.warnings.insert(notes.warnings.end(), own->frame.warnings.begin(), own->frame.warnings.end());
+    setting.lap("axis");
+    return BodyFit{measure_errors(std::move(own->surface), own->samples.streams(), run_on_all_cores)};
+  }
+  RangeFit fitted = measure_errors(std::move(*surface), whole, run_on_all_cores);
+  Eigen::Isometry3d X_WB = setting.X_WL;
+  if (sphere) X_WB.translate(Eigen::Vector3d(0, 0, shape.centre_z_mm));
+  if (!X_WB.matrix().isIdentity(0)) place(fitted, X_WB);
+  setting.lap("fit");
+  return BodyFit{std::move(fitted)};
 }
 
 }  // namespace
@@ -44,40 +118,24 @@ std::optional<Eigen::Isometry3d> BodyFit::better_axis() const {
   return wall() == nullptr || wall_is_round() ? std::nullopt : axis_of_sections(wall()->function);
 }
 
-tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, RangeFitOptions options,
-                                             const FitSetting& setting, ResultNotes& notes) {
-  if (shape.shape == BodyShape::composite) {
-    auto composite = fit_composite(samples, shape.split, options);
-    if (!composite) return tl::make_unexpected(composite.error().message);
-    for (RangeFit& piece : composite->pieces) place(piece, setting.X_WL);
-    setting.lap("fit");
-    return BodyFit{std::move(*composite)};
-  }
-  SphericalStream spherical(samples, shape.centre_z_mm);
-  const bool sphere = shape.shape == BodyShape::sphere;
-  ProfileStream& stream = sphere ? static_cast<ProfileStream&>(spherical) : samples;
-  options.base = sphere ? BaseKind::sphere : BaseKind::cylinder;
-  const auto grid = choose_grid(stream, options);
-  if (!grid) return tl::make_unexpected(grid.error().message);
-  setting.lap("read");
-  const GatheredSamples gathered = gather(stream, *grid);
-  setting.lap("accumulate");
-  ProfileStream* const whole[] = {&stream};
-  auto surface = fit_surface(gathered.sums, gathered.look, whole, options);
-  if (!surface) return tl::make_unexpected(surface.error().message);
-  if (auto own = setting.off_centre_rule ? fit_in_own_frame(*surface, gathered.look, whole, options) : std::nullopt) {
-    notes.about_scanner_axis = surface->fit.report;
-    notes.own_axis = own->frame;
-    notes.warnings.insert(notes.warnings.end(), own->frame.warnings.begin(), own->frame.warnings.end());
-    setting.lap("axis");
-    return BodyFit{measure_errors(std::move(own->surface), own->samples.streams())};
-  }
-  RangeFit fitted = measure_errors(std::move(*surface), whole);
-  Eigen::Isometry3d X_WB = setting.X_WL;
-  if (sphere) X_WB.translate(Eigen::Vector3d(0, 0, shape.centre_z_mm));
-  if (!X_WB.matrix().isIdentity(0)) place(fitted, X_WB);
-  setting.lap("fit");
-  return BodyFit{std::move(fitted)};
+tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
+                                             RangeFitOptions options, const FitSetting& setting, ResultNotes& notes) {
+  notes.flat_ends = find_flat_ends(even_points(samples, kFlatPoints));
+  setting.lap("faces");
+  const FlatEnds& ends = notes.flat_ends;
+  if (!ends.any()) return fit_wall(shape, samples, parts, options, setting, notes);
+  std::vector<std::unique_ptr<WallStream>> walls;
+  std::vector<ProfileStream*> wall_parts;
+  for (ProfileStream* part : parts)
+    wall_parts.push_back(walls.emplace_back(std::make_unique<WallStream>(*part, ends)).get());
+  JoinedStream wall(wall_parts);
+  if (shape.shape != BodyShape::cylinder) return fit_wall(shape, wall, wall_parts, options, setting, notes);
+  // The wall goes on to its faces; where it does not, it ends where its samples do.
+  RangeFitOptions to_faces = options;
+  if (ends.lower) to_faces.reach_start = ends.lower->height_mm;
+  if (ends.upper) to_faces.reach_end = ends.upper->height_mm;
+  auto fitted = fit_wall(shape, wall, wall_parts, to_faces, setting, notes);
+  return fitted ? std::move(fitted) : fit_wall(shape, wall, wall_parts, options, setting, notes);
 }
 
 }  // namespace celadon::cli

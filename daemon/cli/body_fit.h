@@ -10,6 +10,7 @@
 
 #include <tl/expected.hpp>
 
+#include "daemon/cli/constraint_options.h"
 #include "daemon/report.h"
 #include "fitting/composite_fit.h"
 #include "fitting/range_fit.h"
@@ -32,11 +33,13 @@ struct BodyFit {
 struct FitSetting {
   Eigen::Isometry3d X_WL = Eigen::Isometry3d::Identity();  ///< samples are in L, surfaces in W
   bool off_centre_rule = false;                            ///< a part may be fitted about its own axis
+  SymmetryRequest symmetry{};                              ///< of a body over a cylinder
   std::function<void(const char* stage)> lap;              ///< ends a stage
 };
 
-/// The samples as that shape. A part that was fitted about its own axis is told in the notes.
-tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, RangeFitOptions options,
-                                             const FitSetting& setting, ResultNotes& notes);
+/// The samples, all of them and in parts, as that shape. A part that was fitted about its own axis is told in the
+/// notes.
+tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
+                                             RangeFitOptions options, const FitSetting& setting, ResultNotes& notes);
 
 }  // namespace celadon::cli

@@ -11,6 +11,7 @@
 
 #include "daemon/cli/body_fit.h"
 #include "daemon/cli/commands.h"
+#include "daemon/cli/constraint_options.h"
 #include "daemon/cli/fit_input.h"
 #include "daemon/cli/fit_outputs.h"
 #include "daemon/cli/model_option.h"
@@ -29,14 +30,15 @@ namespace celadon::cli {
 namespace {
 
 struct FitArguments {
-  std::string input, turned_over, axis = "auto", unit = "mm", shape = "cylinder", model = "auto", space = "curvature",
-                                  name, date, report;
+  std::string input, turned_over, raised, axis = "auto", unit = "mm", shape = "cylinder", model = "auto",
+                                          space = "curvature", name, date, report;
   std::vector<std::string> outputs;
   double tolerance_mm = 0, form_tolerance_mm = -1, fair_mm = 0, chord_mm = 0;
-  std::optional<double> centre_z_mm, split_above_mm, split_below_mm;
+  std::optional<double> centre_z_mm, split_above_mm, split_below_mm, lift_mm;
   std::vector<int> degree = {3, 3}, knots;
   std::string grid, write_grid;
-  bool axis_named = false, ap214 = false, json = false, partial = false;
+  ConstraintArguments known;
+  bool axis_named = false, lift_exact = false, ap214 = false, json = false, partial = false;
   std::vector<std::string> named;  ///< options that were
   bool names(const char* option) const { return std::find(named.begin(), named.end(), option) != named.end(); }
 };
@@ -89,12 +91,22 @@ std::string contradiction(const FitArguments& arguments) {
     return "--partial needs the grid that all parts share; name it with --grid (celadon fit --write-grid makes one)";
   if (arguments.partial && (arguments.outputs.size() != 1 || !arguments.report.empty()))
     return "--partial writes one file; name it with -o FILE.part";
+  if (arguments.known.any() && arguments.shape != "cylinder")
+    return "--fix-radius, --fix-angle-below, --fix-angle-above, --symmetry and --mirror are for --shape cylinder; "
+           "leave "
+           "them out or change the shape";
+  if (symmetry_of(arguments.known).any() && !(arguments.grid.empty() && arguments.write_grid.empty()))
+    return "--symmetry and --mirror do not go with a grid of the whole turn; leave them or the grid out";
   if (!arguments.grid.empty())
     for (const char* fixed : {"--shape", "--split-above", "--split-below", "--centre-z", "--axis", "--degree",
-                              "--knots", "--write-grid", "--turned-over"})
+                              "--knots", "--write-grid", "--turned-over", "--raised"})
       if (arguments.names(fixed)) return std::string(fixed) + " does not go with --grid, which fixes it; leave it out";
-  if (!arguments.write_grid.empty() && !arguments.turned_over.empty())
-    return "--write-grid is for one pose of an object; leave --turned-over out";
+  if (!arguments.write_grid.empty() && !(arguments.turned_over.empty() && arguments.raised.empty()))
+    return "--write-grid is for one pose of an object; leave --turned-over and --raised out";
+  if (!arguments.turned_over.empty() && !arguments.raised.empty())
+    return "--turned-over and --raised are each for a second file; leave one of them out";
+  if (arguments.raised.empty() == arguments.lift_mm.has_value() || (arguments.lift_exact && arguments.raised.empty()))
+    return "--raised and --lift go together: the file, and how far the lift had raised the object for it";
   if (arguments.centre_z_mm && !sphere) return "--centre-z is for --shape sphere; leave it out or change the shape";
   if (split && arguments.shape != "composite")
     return "--split-above and --split-below are for --shape composite; leave them out or change the shape";
@@ -116,7 +128,11 @@ int fit_with_grid(const FitArguments& arguments) {
   auto input = open_on_grid(arguments.input, arguments.grid, unit);
   if (!input) return fail(2, input.error());
   if (arguments.partial) return write_part(*input, arguments.input, arguments.outputs.front());
-  const auto fitted = fit_on_grid(*input, fit_options(arguments));
+  RangeFitOptions options = fit_options(arguments);
+  const auto constraints = constraints_of(arguments.known);
+  if (!constraints) return fail(2, constraints.error());
+  options.constraints = *constraints;
+  const auto fitted = fit_on_grid(*input, options);
   if (!fitted) return fail(2, "'" + arguments.input + "': " + fitted.error());
   ResultNotes notes;
   notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
@@ -154,6 +170,10 @@ int fit(const FitArguments& arguments) {
   if (!arguments.grid.empty()) return fit_with_grid(arguments);
   const auto outputs = output_files(arguments.outputs, arguments.report);
   if (!outputs) return fail(2, outputs.error());
+  RangeFitOptions options = fit_options(arguments);
+  const auto constraints = constraints_of(arguments.known);
+  if (!constraints) return fail(2, constraints.error());
+  options.constraints = *constraints;
 
   StopWatch watch;
   ResultNotes notes;
@@ -192,10 +212,34 @@ int fit(const FitArguments& arguments) {
     if (!shape->reason.empty()) lap("shape");
     FitSetting setting{.X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity(),
                        .off_centre_rule = native && !arguments.axis_named && arguments.turned_over.empty(),
+                       .symmetry = symmetry_of(arguments.known),
                        .lap = lap};
-    return fit_shape(*shape, input->samples(), fit_options(arguments), setting, notes);
+    return fit_shape(*shape, input->samples(), input->parts(), options, setting, notes);
   };
+  // With the second set where it nearly is; its pose and the surface of both together; all of it again.
+  const auto refined = [&](tl::expected<BodyFit, std::string>& fit, PoseFreedom freedom) -> std::optional<std::string> {
+    if (!fit) return std::nullopt;
+    if (fit->wall() == nullptr) return "a sphere shows no wall by which the pose of the second file could be refined";
+    const auto joint = input->refine_second(fit->wall()->function, freedom, fit->wall()->report.noise_mm);
+    if (!joint) return joint.error();
+    if (notes.turned_over) {
+      notes.turned_over->shift_sd_mm = joint->shift_sd_mm;
+      notes.turned_over->turn_sd_rad = joint->turn_sd_rad;
+    } else {
+      notes.raised->lift_mm -= joint->X_12.translation().z();
+      notes.raised->sd_mm = joint->shift_sd_mm;
+    }
+    lap("pose");
+    fit = fit_as_it_lies();
+    return std::nullopt;
+  };
+  if (!arguments.raised.empty()) {
+    if (auto added = input->add_raised(arguments.raised, *arguments.lift_mm); !added) return fail(2, added.error());
+    notes.raised = RaisedPose{*arguments.lift_mm, *arguments.lift_mm, 0};
+  }
   auto fitted = fit_as_it_lies();
+  if (!arguments.raised.empty() && !arguments.lift_exact)
+    if (const auto why = refined(fitted, PoseFreedom::along_axis)) return fail(2, *why);
   if (fitted && !arguments.turned_over.empty()) {
     if (fitted->wall() == nullptr) return problem("a sphere shows no wall by which its other pose could be found");
     const auto pose = input->add_turned_over(arguments.turned_over, fitted->wall()->function, notes.own_axis);
@@ -203,6 +247,7 @@ int fit(const FitArguments& arguments) {
     notes.turned_over = *pose;
     lap("pose");
     fitted = fit_as_it_lies();
+    if (const auto why = refined(fitted, PoseFreedom::all)) return fail(2, *why);
   }
   // All samples know the axis better than the few that it was found from.
   const auto better = fitted && notes.own_axis && arguments.model == "auto" ? fitted->better_axis() : std::nullopt;
@@ -256,6 +301,11 @@ void add_fit_command(CLI::App& program, Run& run) {
   command->add_option(
       "--turned-over", arguments->turned_over,
       "file of the same object upside down, for its other end: how it lies is found from what both show");
+  command->add_option("--raised", arguments->raised,
+                      "file of the same object at another height of the lift; what both show refines --lift");
+  command->add_option("--lift", arguments->lift_mm, "how far the lift had raised the object for --raised [mm]")
+      ->check(finite());
+  command->add_flag("--lift-exact", arguments->lift_exact, "take --lift as it is");
   command
       ->add_option("-o,--output", arguments->outputs,
                    "files to write, by their endings: .step, .stl, .ply, .json (surface), .svg (picture of the "
@@ -279,6 +329,7 @@ void add_fit_command(CLI::App& program, Run& run) {
       "native samples rho,phi,theta");
   add_model_options(*command, arguments->model, arguments->tolerance_mm, arguments->form_tolerance_mm,
                     arguments->space);
+  add_constraint_options(*command, arguments->known);
   command
       ->add_option(
           "--axis", arguments->axis,

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <iterator>
 #include <utility>
 
 #include "fitting/even_points.h"
@@ -62,18 +63,23 @@ tl::expected<void, std::string> FitInput::reopen() {
   const Eigen::Isometry3d X_LS = X_SL_.value_or(Eigen::Isometry3d::Identity()).inverse();
   CloudOptions options = options_;
   if (X_SL_) options.X_SF = X_LS * with_axis_up(options_.axis);
-  auto first = open_cloud(first_file_, options);
-  if (!first) return tl::make_unexpected(first.error().message);
-  first_ = std::move(*first);
-  stream_ = first_.get();
-  if (second_file_.empty()) return {};
-  options.X_SF = X_LS * X_S2_ * with_axis_up(options_.axis);
-  auto second = open_cloud(second_file_, options);
-  if (!second) return tl::make_unexpected(second.error().message);
-  second_ = std::move(*second);
-  parts_ = std::make_unique<std::vector<ProfileStream*>>(std::vector<ProfileStream*>{first_.get(), second_.get()});
+  std::vector<std::unique_ptr<CloudFile>> files;
+  const auto add = [&](const std::filesystem::path& file) -> tl::expected<void, std::string> {
+    auto opened = open_cloud_parts(file, options);
+    if (!opened) return tl::make_unexpected(opened.error().message);
+    std::move(opened->begin(), opened->end(), std::back_inserter(files));
+    return {};
+  };
+  if (auto added = add(first_file_); !added) return added;
+  first_parts_ = files.size();
+  if (!second_file_.empty()) {
+    options.X_SF = X_LS * X_S2_ * with_axis_up(options_.axis);
+    if (auto added = add(second_file_); !added) return added;
+  }
+  files_ = std::move(files);
+  parts_ = std::make_unique<std::vector<ProfileStream*>>();
+  for (const auto& file : files_) parts_->push_back(file.get());
   joined_ = std::make_unique<JoinedStream>(*parts_);
-  stream_ = joined_.get();
   return {};
 }
 
@@ -112,12 +118,38 @@ tl::expected<PoseAlignment, std::string> FitInput::add_turned_over(const std::fi
   return *pose;
 }
 
+tl::expected<void, std::string> FitInput::add_raised(const std::filesystem::path& file, double lift_mm) {
+  second_file_ = file;
+  X_S2_ = Eigen::Isometry3d(Eigen::Translation3d(0, 0, -lift_mm));
+  return reopen();
+}
+
+tl::expected<JointPose, std::string> FitInput::refine_second(const RangeFunction& wall, PoseFreedom freedom,
+                                                             double noise_mm) {
+  const Eigen::Isometry3d X_SL = X_SL_.value_or(Eigen::Isometry3d::Identity());
+  BaseSurface base = wall.base();
+  base.X_WB = X_SL.inverse() * base.X_WB;
+  const RangeFunction wall_L(base, wall.degree_u(), wall.degree_v(), wall.knots_u(), wall.knots_v(),
+                             wall.coefficients());
+  const ProfileParts all(*parts_);
+  JoinedStream first(all.first(first_parts_)), second(all.subspan(first_parts_));
+  auto joint = refine_pose(wall_L, first, second, freedom, noise_mm);
+  if (!joint) return tl::make_unexpected("'" + second_file_.string() + "': " + joint.error().message);
+  X_S2_ = X_SL * joint->X_12 * X_SL.inverse() * X_S2_;
+  if (auto opened = reopen(); !opened) return tl::make_unexpected(opened.error());
+  return *joint;
+}
+
 std::string FitInput::error() const {
-  return !first_->error().empty() || !second_ ? first_->error() : second_->error();
+  for (const auto& file : files_)
+    if (!file->error().empty()) return file->error();
+  return {};
 }
 
 std::uint64_t FitInput::skipped() const {
-  return first_->skipped() + (second_ ? second_->skipped() : 0);
+  std::uint64_t sum = 0;
+  for (const auto& file : files_) sum += file->skipped();
+  return sum;
 }
 
 }  // namespace celadon::cli

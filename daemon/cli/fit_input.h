@@ -6,10 +6,12 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <tl/expected.hpp>
 
 #include "daemon/files/cloud_files.h"
+#include "fitting/joint_pose.h"
 #include "fitting/local_frame.h"
 #include "fitting/moved_stream.h"
 #include "fitting/range_function.h"
@@ -28,8 +30,10 @@ class FitInput {
   /// Errors: sentences that name the file.
   static tl::expected<FitInput, std::string> open(const std::filesystem::path& file, const CloudOptions& options);
 
-  ProfileStream& samples() { return *stream_; }
-  CloudColumns columns() const { return first_->columns(); }
+  ProfileStream& samples() { return *joined_; }
+  /// The same in parts that can be read side by side.
+  ProfileParts parts() const { return *parts_; }
+  CloudColumns columns() const { return files_.front()->columns(); }
   /// The samples' own frame, from an even sample.
   tl::expected<LocalFrame, std::string> own_frame();
   /// From now on in the frame L of the first file's S.
@@ -38,6 +42,12 @@ class FitInput {
   /// @param about_own_axis it may stand anywhere: its own axis is laid on that of S first
   tl::expected<PoseAlignment, std::string> add_turned_over(const std::filesystem::path& file, const RangeFunction& wall,
                                                            const std::optional<LocalFrame>& about_own_axis);
+
+  /// The same object, raised by a lift along the axis when the file was made, joins.
+  tl::expected<void, std::string> add_raised(const std::filesystem::path& file, double lift_mm);
+  /// The second file's pose and the surface of both, refined together. @pre there is a second file, `wall` (in S) was
+  /// fitted here
+  tl::expected<JointPose, std::string> refine_second(const RangeFunction& wall, PoseFreedom freedom, double noise_mm);
 
   /// What the last pass met; empty: nothing.
   std::string error() const;
@@ -51,10 +61,10 @@ class FitInput {
   CloudOptions options_;
   std::optional<Eigen::Isometry3d> X_SL_;  // nullopt: as the file lies
   Eigen::Isometry3d X_S2_ = Eigen::Isometry3d::Identity();
-  std::unique_ptr<CloudFile> first_, second_;
+  std::vector<std::unique_ptr<CloudFile>> files_;  // parts of the first file, then of the second
+  std::size_t first_parts_ = 0;
   std::unique_ptr<std::vector<ProfileStream*>> parts_;
   std::unique_ptr<ProfileStream> joined_;
-  ProfileStream* stream_ = nullptr;
 };
 
 }  // namespace celadon::cli

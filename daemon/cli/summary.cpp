@@ -82,6 +82,34 @@ std::string summary_of(const json& report) {
     text.pop_back();
     text += length(pose["scale_mm"]) + "; raised to " + length(pose["shift_sd_mm"]) + "\n";
   }
+  for (const char* which : {"lower", "upper"})
+    if (report.contains("flat_ends") && report["flat_ends"].contains(which)) {
+      const auto& face = report["flat_ends"][which];
+      text += line(
+          "  face        the %s end is flat at z %.3f mm, %.2f degrees off square; %.1f %% of the samples lie on it",
+          which, face["height_mm"].get<double>(), face["tilt_rad"].get<double>() * kDegrees,
+          100 * face["share"].get<double>());
+    }
+  if (report.contains("raised")) {
+    const auto& raised = report["raised"];
+    text += line("  heights     two: raised by %.4f mm, standard deviation %.2g mm (said: %.4f mm)",
+                 raised["lift_mm"].get<double>(), raised["sd_mm"].get<double>(), raised["asked_mm"].get<double>());
+  }
+  if (report.contains("symmetry")) {
+    const auto& symmetry = report["symmetry"];
+    text += line("  symmetry    %d-fold", symmetry["fold"].get<int>());
+    if (symmetry.contains("mirror_plane_rad")) {
+      text.pop_back();
+      text += line(", mirrored at %.3f degrees", symmetry["mirror_plane_rad"].get<double>() * kDegrees);
+    }
+  }
+  for (const auto& held : report.value("constraints", json::array())) {
+    const bool angle = held.contains("held_rad");
+    const double unit = angle ? kDegrees : 1;
+    text += line("  held        %s; the samples alone have %.6g, standard deviation %.2g",
+                 held["what"].get<std::string>().c_str(), held[angle ? "alone_rad" : "alone_mm"].get<double>() * unit,
+                 held[angle ? "alone_sd_rad" : "alone_sd_mm"].get<double>() * unit);
+  }
   if (report.contains("about_scanner_axis")) {
     const auto& there = report["about_scanner_axis"];
     text += line("              about the scanner's axis it would be %s with %d x %d control points",

@@ -19,11 +19,12 @@ inline std::span<const NurbsSurface> single(const NurbsSurface& wall) {
 }
 
 struct CadOptions {
-  bool ap214 = false;           ///< AP242 otherwise
-  std::string name = "object";  ///< product name in the file, UTF-8
-  bool simulated = false;       ///< said in the file's header and in the product's description
-  std::string date;             ///< ISO 8601 UTC; in the header in place of the present time
-  int time_limit_s = 60;        ///< > 0; the helper is ended after it
+  bool ap214 = false;                                  ///< AP242 otherwise
+  std::string name = "object";                         ///< product name in the file, UTF-8
+  bool simulated = false;                              ///< said in the file's header and in the product's description
+  std::string date;                                    ///< ISO 8601 UTC; in the header in place of the present time
+  int time_limit_s = 60;                               ///< > 0; the helper is ended after it
+  bool bottom_measured = false, top_measured = false;  ///< the disc there is a face that was measured
 };
 
 struct CadResult {
@@ -33,7 +34,7 @@ struct CadResult {
 };
 
 /// Writes a closed solid of positive volume: the exact walls, bottom to top, and what closes the ends, named and
-/// coloured as assumed.
+/// coloured as assumed unless it was measured.
 /// Written beside `file`, synced and renamed. Errors: one sentence with the remedy.
 tl::expected<CadResult, std::string> write_step(std::span<const NurbsSurface> walls, const std::filesystem::path& file,
                                                 const CadOptions& options);

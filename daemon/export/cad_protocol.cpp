@@ -53,6 +53,8 @@ CadMessage step_request(std::span<const NurbsSurface> walls, const CadOptions& o
                   {"simulated", options.simulated},
                   {"date", options.date},
                   {"time_limit_s", options.time_limit_s},
+                  {"bottom_measured", options.bottom_measured},
+                  {"top_measured", options.top_measured},
                   {"walls", nlohmann::json::array()}};
   for (const NurbsSurface& wall : walls) {
     const auto points = static_cast<std::size_t>(wall.control_points.cols());
@@ -112,6 +114,8 @@ tl::expected<StepRequest, std::string> parse_step_request(const CadMessage& mess
     request.options.simulated = head.at("simulated");
     request.options.date = head.at("date");
     request.options.time_limit_s = head.at("time_limit_s");
+    request.options.bottom_measured = head.value("bottom_measured", false);
+    request.options.top_measured = head.value("top_measured", false);
     for (const auto& of_wall : head.at("walls")) {
       NurbsSurface wall;
       wall.degree_u = of_wall.at("degree").at(0);

@@ -23,7 +23,9 @@
 #include <Transfer_FinderProcess.hxx>
 #include <XSControl_TransferWriter.hxx>
 #include <XSControl_WorkSession.hxx>
+#include <algorithm>
 #include <sstream>
+#include <string_view>
 
 #include "daemon/export/step_characters.h"
 
@@ -68,11 +70,16 @@ void name_product(const Handle(StepData_StepModel) & model, bool simulated) {
   }
 }
 
-std::string header(const CadOptions& options, bool caps) {
+bool is_measured(const NamedFace& cap, const CadOptions& options) {
+  const std::string_view name = cap.name;
+  return (name == "bottom" && options.bottom_measured) || (name == "top" && options.top_measured);
+}
+
+std::string header(const CadOptions& options, bool assumed_caps) {
   const std::string origin = options.simulated ? "simulated: no real object was scanned" : "scan of a real object";
   std::string text = "ISO-10303-21;\nHEADER;\n";
-  text += "FILE_DESCRIPTION(('Celadon: " + origin + "','wall measured" + (caps ? ", discs at the ends assumed" : "") +
-          "'),'2;1');\n";
+  text += "FILE_DESCRIPTION(('Celadon: " + origin + "','wall measured" +
+          (assumed_caps ? ", discs at the ends assumed" : "") + "'),'2;1');\n";
   text += "FILE_NAME('" + step_string(options.name) + "','" + step_string(options.date) +
           "',(''),(''),'Open CASCADE " OCC_VERSION_COMPLETE "','Celadon','');\n";
   text += options.ap214 ? "FILE_SCHEMA(('AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }'));\n"
@@ -105,7 +112,9 @@ tl::expected<std::string, std::string> step_text(const WallSolid& body, const Ca
     dressed = dressed && dress(styles, finder, wall.face, wall.name, measured);
   }
   for (const NamedFace& cap : body.caps) {
-    dressed = dressed && dress(styles, finder, cap.face, (std::string(cap.name) + " (assumed)").c_str(), assumed);
+    const bool known = is_measured(cap, options);
+    const std::string name = std::string(cap.name) + (known ? " (measured)" : " (assumed)");
+    dressed = dressed && dress(styles, finder, cap.face, name.c_str(), known ? measured : assumed);
   }
   const Handle(StepRepr_RepresentationItem) solid = STEPConstruct::FindEntity(finder, body.solid);
   const Handle(StepRepr_RepresentationContext) context = styles.FindContext(body.solid);
@@ -129,7 +138,9 @@ tl::expected<std::string, std::string> step_text(const WallSolid& body, const Ca
   if (data == std::string::npos) {
     return tl::make_unexpected(std::string("OpenCASCADE wrote no DATA section"));
   }
-  return header(options, !body.caps.empty()) +
+  const bool assumed_caps =
+      std::any_of(body.caps.begin(), body.caps.end(), [&](const NamedFace& cap) { return !is_measured(cap, options); });
+  return header(options, assumed_caps) +
          with_shortest_reals(std::string_view(printed).substr(data), name_marker, step_string(options.name));
 }
 

@@ -27,6 +27,14 @@ void BinaryRecords::rewind() {
   error_.clear();
 }
 
+bool BinaryRecords::restrict_to(std::uint64_t first, std::uint64_t count) {
+  layout_.begin += first * layout_.stride;
+  layout_.count = count;
+  cursor_ = ByteCursor(file_, layout_.begin, end_of(layout_), std::max(kBufferBytes, layout_.stride));
+  rewind();
+  return true;
+}
+
 std::size_t BinaryRecords::read(std::size_t count, double* a, double* b, double* c) {
   const std::size_t fit = std::max(kBufferBytes, layout_.stride) / layout_.stride;
   const auto piece = static_cast<std::size_t>(std::min<std::uint64_t>({count, fit, left_}));

@@ -30,6 +30,7 @@ class BinaryRecords : public PointSource {
   void rewind() override;
   std::size_t read(std::size_t count, double* a, double* b, double* c) override;
   std::optional<std::uint64_t> promised() const override { return layout_.count; }
+  bool restrict_to(std::uint64_t first, std::uint64_t count) override;
 
  private:
   const InputFile& file_;

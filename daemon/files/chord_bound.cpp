@@ -42,7 +42,7 @@ std::vector<Piece> pieces_of(const std::vector<double>& knots, int degree, int l
   for (std::size_t i = 0; i + 1 < knots.size(); ++i) {
     intervals += knots[i] < knots[i + 1] ? 1 : 0;
   }
-  const int cuts = degree == 0 ? 1 : (least + intervals - 1) / intervals;
+  const int cuts = degree == 0 || intervals == 0 ? 1 : (least + intervals - 1) / intervals;
   for (std::size_t i = 0; i + 1 < knots.size(); ++i) {
     if (!(knots[i] < knots[i + 1])) {
       continue;

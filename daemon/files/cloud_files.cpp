@@ -26,6 +26,7 @@ class PointCloud : public CloudFile {
     }
   }
   const InputFile& file() const { return file_; }
+  bool restrict_to(std::uint64_t first, std::uint64_t count) { return source_->restrict_to(first, count); }
 
   void rewind() override {
     source_->rewind();
@@ -230,8 +231,10 @@ tl::expected<double, std::string> millimetres_per_unit(const std::string& unit) 
   return tl::make_unexpected("\"" + unit + "\" is not a unit of length known here; give mm, cm, m, in or um");
 }
 
-tl::expected<std::unique_ptr<CloudFile>, FileError> open_cloud(const std::filesystem::path& file,
-                                                               const CloudOptions& options) {
+namespace {
+
+tl::expected<std::unique_ptr<PointCloud>, FileError> open_points(const std::filesystem::path& file,
+                                                                 const CloudOptions& options) {
   if (options.samples_per_profile == 0 || !(options.millimetres_per_unit > 0)) {
     throw std::invalid_argument("open_cloud: samples_per_profile and millimetres_per_unit must be positive");
   }
@@ -250,6 +253,27 @@ tl::expected<std::unique_ptr<CloudFile>, FileError> open_cloud(const std::filesy
   }
   cloud->take(std::move(*source), columns);
   return cloud;
+}
+
+}  // namespace
+
+tl::expected<std::unique_ptr<CloudFile>, FileError> open_cloud(const std::filesystem::path& file,
+                                                               const CloudOptions& options) {
+  return open_points(file, options);
+}
+
+tl::expected<std::vector<std::unique_ptr<CloudFile>>, FileError> open_cloud_parts(const std::filesystem::path& file,
+                                                                                  const CloudOptions& options) {
+  std::vector<std::unique_ptr<CloudFile>> parts;
+  for (std::uint64_t k = 0; k < kCloudParts; ++k) {
+    auto part = open_points(file, options);
+    if (!part) return tl::make_unexpected(part.error());
+    const std::uint64_t all = (*part)->points(), first = all * k / kCloudParts, end = all * (k + 1) / kCloudParts;
+    const bool whole = all < kPointsToShare || !(*part)->restrict_to(first, end - first);
+    parts.push_back(std::move(*part));
+    if (whole) break;
+  }
+  return parts;
 }
 
 }  // namespace celadon

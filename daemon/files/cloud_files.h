@@ -37,6 +37,10 @@ enum class CloudColumns : std::uint8_t {
   spherical     ///< rho, phi, theta about the origin
 };
 
+/// Points from which on a file is read in parts, and these parts.
+inline constexpr std::uint64_t kPointsToShare = 1U << 20;
+inline constexpr int kCloudParts = 4;
+
 /// Streams a file in pieces, any number of times, in memory that does not grow with it.
 class CloudFile : public ProfileStream {
  public:
@@ -51,5 +55,10 @@ class CloudFile : public ProfileStream {
 /// than the file holds are refused at once.
 tl::expected<std::unique_ptr<CloudFile>, FileError> open_cloud(const std::filesystem::path& file,
                                                                const CloudOptions& options);
+
+/// The same, as parts that can be read side by side, one after the other in the file: kCloudParts of a file with at
+/// least kPointsToShare points in records of one size, else one. The same parts on every machine.
+tl::expected<std::vector<std::unique_ptr<CloudFile>>, FileError> open_cloud_parts(const std::filesystem::path& file,
+                                                                                  const CloudOptions& options);
 
 }  // namespace celadon

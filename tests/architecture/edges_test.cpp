@@ -54,8 +54,9 @@ const std::map<std::string, std::vector<std::string>>& allowed() {
       {"firmware_bridge/", {}},
       {"acquisition/", {"fitting/profile.h"}},
       {"sim/",
-       {"firmware_bridge/protocol.h", "firmware_bridge/controller_core.h", "acquisition/frame.h",
-        "acquisition/frame_ring.h", "acquisition/calibration.h", "daemon/files/"}},
+       {"firmware_bridge/protocol.h", "firmware_bridge/controller_core.h", "firmware_bridge/controller_usb.h",
+        "firmware_bridge/usb_protocol.h", "acquisition/frame.h", "acquisition/frame_ring.h",
+        "acquisition/calibration.h", "daemon/files/"}},
       {"daemon/files/", {"fitting/"}},
       {"daemon/", {"acquisition/", "firmware_bridge/", "fitting/"}},
   };

@@ -660,5 +660,34 @@ TEST(Polar, AgreesWithTheLibrarysArctangent) {
   }
 }
 
+// Parts hold every point once, in order; small files, text and records of many sizes come as one.
+TEST(CloudParts, AreTheWholeFileInOrder) {
+  constexpr std::size_t kPoints = (1U << 20) + 5;
+  std::string bytes = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(kPoints) +
+                      "\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+  for (std::size_t k = 0; k < kPoints; ++k) {
+    const float p[] = {1, 0, static_cast<float>(k)};
+    bytes.append(reinterpret_cast<const char*>(p), sizeof p);
+  }
+  testing::TemporaryFolder folder;
+  const auto parts = open_cloud_parts(folder.write("large.ply", bytes), {});
+  ASSERT_TRUE(parts) << parts.error().message;
+  ASSERT_EQ(parts->size(), 4u);
+  for (int pass = 0; pass < 2; ++pass) {
+    std::size_t expected = 0;
+    for (const auto& part : *parts) {
+      part->rewind();
+      while (const Profile* profile = part->next())
+        for (const double z : profile->z_mm) ASSERT_EQ(z, static_cast<double>(expected++));
+      EXPECT_EQ(part->error(), "");
+    }
+    EXPECT_EQ(expected, kPoints);
+  }
+  const auto small = open_cloud_parts(folder.write("small.xyz", "1 0 0\n1 0 1\n"), {});
+  ASSERT_TRUE(small);
+  EXPECT_EQ(small->size(), 1u);
+  EXPECT_FALSE(open_cloud_parts(folder / "missing.ply", {}));
+}
+
 }  // namespace
 }  // namespace celadon

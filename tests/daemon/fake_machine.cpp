@@ -30,6 +30,8 @@ class FakeTransport final : public Transport {
     return answer([] { return protocol::Exception::none; });
   }
   const std::string& url() const override { return url_; }
+  bool has_events() const override { return machine_.tells_changes; }
+  bool wait_for_event(std::int64_t /*wait_ns*/) override { return machine_.changed.exchange(false); }
 
  private:
   template <class Exchange>
@@ -131,6 +133,7 @@ void FakeMachine::press_button() {
   plant_.button = false;
   core_.step(now_us_);
   advance_locked(now_us_ + 100'000);
+  changed = true;
 }
 
 void FakeMachine::with_plant(const std::function<void(test::TestPlant&)>& change) {

@@ -38,7 +38,9 @@ class FakeMachine {
   LampPattern lamp();
   double speed();
   std::atomic<bool> link_down = false, camera_silent = false, camera_unplugged = false, camera_dark = false;
-  std::atomic<int> corrupt_every = 0;  ///< frames
+  std::atomic<bool> tells_changes = false;  ///< of the button, as a controller on USB does
+  std::atomic<bool> changed = false;        ///< and the host has not looked yet
+  std::atomic<int> corrupt_every = 0;       ///< frames
   std::atomic<double> slip_per_turn_deg = 0;
   std::atomic<std::int64_t> stamp_step_us = 0;
   std::atomic<bool> laser_hidden = false;  ///< shines always, and the controller does not see it

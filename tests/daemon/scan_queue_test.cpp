@@ -30,11 +30,16 @@ ScanRequest quick_request() {
   return request;
 }
 
+constexpr std::chrono::milliseconds kPollPeriod{1};
+
 /// A queue on a fake machine, and what it told its listener.
 class Bench {
  public:
   explicit Bench(FakeMachine& machine) : Bench(machine, machine.calibration()) {}
-  Bench(FakeMachine& machine, const Calibration& calibration) : machine_(machine), calibration_(calibration) { open(); }
+  Bench(FakeMachine& machine, const Calibration& calibration, std::chrono::nanoseconds poll = kPollPeriod)
+      : machine_(machine), calibration_(calibration), poll_period_(poll) {
+    open();
+  }
 
   ~Bench() { queue.reset(); }  // before what its listener uses
 
@@ -43,7 +48,7 @@ class Bench {
     if (!store) throw std::runtime_error(store.error().message);
     ScanQueueOptions options;
     options.button_request = quick_request();
-    options.poll_period = std::chrono::milliseconds(1);
+    options.poll_period = poll_period_;
     options.first_retry = options.longest_retry = std::chrono::milliseconds(1);
     queue = std::make_unique<ScanQueue>(std::move(*store), calibration_, options,
                                         [this] { return machine_.connect(calibration_); });
@@ -85,6 +90,7 @@ class Bench {
  private:
   FakeMachine& machine_;
   const Calibration calibration_;
+  const std::chrono::nanoseconds poll_period_;
   std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<ScanState> seen_;
@@ -173,6 +179,17 @@ TEST(ScanQueue, ASlippingTableIsToldByTheClosureTest) {
   ASSERT_EQ(record.state, ScanState::done) << record.reason;
   EXPECT_NE(report_of(record)["warnings"].dump().find("After a full turn"), std::string::npos)
       << report_of(record).dump(2);
+}
+
+TEST(ScanQueue, APressThatTheMachineTellsOfIsNotWaitedFor) {
+  FakeMachine machine;
+  machine.tells_changes = true;
+  Bench bench(machine, machine.calibration(), std::chrono::hours(1));
+  ASSERT_TRUE(bench.queue->start());
+  machine.press_button();
+  bench.wait_for(ScanState::scanning, 3);
+  ASSERT_TRUE(bench.queue->cancel(1));
+  EXPECT_EQ(bench.wait_for_end().requested_by, "button");
 }
 
 TEST(ScanQueue, ButtonStartsAndASecondPressStops) {

@@ -175,16 +175,6 @@ TEST(ModbusRtu, DriverWithoutRs485IsAWarning) {
   EXPECT_TRUE((*t)->read_inputs(0x0100, words));
 }
 
-TEST(OpenTransport, UsbIsNamedAndRefused) {
-  const auto t = open_transport("usb:1209:0001");
-  ASSERT_FALSE(t);
-  EXPECT_EQ(t.error().kind, Kind::refused);
-  EXPECT_EQ(
-      t.error().message(),
-      "connect on usb:1209:0001 failed: controllers on USB are not supported yet; the machine was left with its state "
-      "unknown and untouched; connect the controller by Modbus: modbus-tcp://HOST or modbus-rtu:/dev/ttyX.");
-}
-
 TEST(OpenTransport, NobodyThereIsNotFound) {
   std::string url;
   {

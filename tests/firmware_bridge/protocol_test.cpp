@@ -1,4 +1,4 @@
-#include "firmware_bridge/protocol.h"
+#include "firmware_bridge/usb_protocol.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -112,6 +112,37 @@ TEST(ProtocolDocument, ListsExactlyTheCodesOfTheHeader) {
   expect_codes("7. Refusals", kRefusals);
 }
 
+TEST(ProtocolDocument, ListsExactlyTheUsbRequestsOfTheHeader) {
+  std::vector<std::string> documented, coded;
+  for (const Row& row : document_rows()) {
+    if (row.section.rfind("Requests:", 0) != 0) continue;
+    ASSERT_EQ(row.cells.size(), 4u);
+    documented.push_back(row.cells[0] + "|" + row.cells[1] + "|" + row.cells[2] + "|" + row.cells[3]);
+  }
+#define CELADON_USB_ROW(name, value, direction, meaning) \
+  coded.push_back(std::to_string(value) + "|" #name "|" direction "|" meaning);
+  CELADON_USB_REQUESTS(CELADON_USB_ROW)
+#undef CELADON_USB_ROW
+  EXPECT_EQ(documented, coded);
+}
+
+template <std::size_t N>
+void expect_record(const std::string& heading, const Register (&record)[N]) {
+  std::vector<std::string> documented, coded;
+  for (const Row& row : document_rows()) {
+    if (row.section == heading) documented.push_back(row.cells[0] + " " + row.cells[1]);
+  }
+  for (const Register& r : record)
+    coded.push_back(std::to_string(2 * usb::offset_of(record, r)) + " " + r.group.name + "." + r.name);
+  EXPECT_EQ(documented, coded) << heading;
+}
+
+TEST(ProtocolDocument, ListsExactlyTheUsbRecordsOfTheHeader) {
+  expect_record("Event: interrupt IN, " + std::to_string(usb::kEventBytes) + " bytes", usb::kEventRegisters);
+  expect_record("Trace: bulk IN, whole records of " + std::to_string(usb::kTraceBytes) + " bytes",
+                usb::kTraceRegisters);
+}
+
 TEST(ProtocolDocument, NamesTheVersionOfTheHeader) {
   EXPECT_EQ(document_lines().at(0),
             "# The device protocol, version " + std::to_string(kMajor) + "." + std::to_string(kMinor));
@@ -201,7 +232,7 @@ std::string output_of(const std::string& command, int& status) {
 
 // No floating-point register may be touched, and nothing be called but the four that every compiler wants.
 TEST(ControllerCoreBuild, CompilesFreestandingWithoutFloatingPoint) {
-  for (const std::string name : {"controller_core", "controller_registers"}) {
+  for (const std::string name : {"controller_core", "controller_registers", "controller_usb"}) {
     const std::string object = testing::TempDir() + "celadon_" + name + "_" + std::to_string(getpid()) + ".o";
     int status = 0;
     const std::string compiled = output_of(
@@ -216,7 +247,8 @@ TEST(ControllerCoreBuild, CompilesFreestandingWithoutFloatingPoint) {
     for (std::string line; std::getline(symbols, line);) {
       const std::string symbol = trimmed(line.substr(line.find('U') + 1));
       const bool known = symbol == "memcpy" || symbol == "memset" || symbol == "memmove" || symbol == "memcmp" ||
-                         symbol.rfind("celadon::ControllerCore::", 0) == 0;
+                         symbol.rfind("celadon::ControllerCore::", 0) == 0 ||
+                         symbol.rfind("celadon::ControllerUsb::", 0) == 0;
       EXPECT_TRUE(known) << name << " needs " << symbol;
     }
     std::remove(object.c_str());

@@ -5,6 +5,7 @@
 #include <Eigen/Cholesky>
 #include <random>
 
+#include "fitting/banded_cholesky.h"
 #include "fitting/block_cholesky.h"
 #include "fitting/dense_product.h"
 #include "fitting/fit_ladder.h"
@@ -262,6 +263,29 @@ TEST(NormalSolver, EffectiveParametersAreTheTrace) {
       EXPECT_NEAR(unknowns - estimate, unknowns - exact, 0.1 * (unknowns - exact)) << "what smoothing takes away";
     }
   }
+}
+
+// Random bands with and without corners, against a dense factor.
+TEST(BandedCholesky, IsTheDenseInverse) {
+  for (const int n : {7, 30, 200})
+    for (const bool closed : {false, true}) {
+      const int band = 3;
+      Eigen::MatrixXd g = Eigen::MatrixXd::Zero(n, n);
+      for (int i = 0; i < n; ++i)
+        for (int d = 0; d <= band; ++d) {
+          const int j = closed ? (i + d) % n : i + d;
+          if (j >= n) continue;
+          g(i, j) = g(j, i) = d == 0 ? 2 : 1.0 / (d + 2 + (i % 3));
+        }
+      g.diagonal().array() += 2;
+      const BandedCholesky factor(g, band);
+      ASSERT_TRUE(factor.ok());
+      const Eigen::MatrixXd x = Eigen::MatrixXd::Random(5, n);
+      Eigen::MatrixXd y = x;
+      factor.divide(y);
+      EXPECT_LT((y * g - x).cwiseAbs().maxCoeff(), 1e-13) << n << closed;
+    }
+  EXPECT_FALSE(BandedCholesky(-Eigen::MatrixXd::Identity(5, 5), 1).ok());
 }
 
 }  // namespace

@@ -411,6 +411,37 @@ TEST(SphereFit, ErrorsFallAsTheFourthPowerOnATiltedTangentPlane) {
   EXPECT_LT(errors[2], 1e-4);
 }
 
+// A level pole has its tangent plane for nothing where there is one; where it is tilted, no noise hides what that
+// costs.
+TEST(SphereFit, TheSamplesChooseHowPolesClose) {
+  const test::Body level = [](double phi, double t) {
+    const double s = std::sin(phi);
+    return 25 + 8 * s * s * s * std::sin(3 * t);
+  };
+  const auto fit_of = [](const test::Body& body, double sigma, std::optional<PoleRule> rule) {
+    test::MemoryStream stream =
+        test::scattered_body(body, {.samples = 60000, .sigma = sigma, .phi_high = 0.7, .seed = 5});
+    RangeFitOptions options;
+    options.model = SurfaceModel::general;
+    options.smoothing = false;
+    options.pole_rule = rule;
+    return test::fit_sphere(stream, options);
+  };
+  const auto chosen = fit_of(level, 0, {}), jet = fit_of(level, 0, PoleRule::jet);
+  ASSERT_TRUE(chosen);
+  EXPECT_EQ(chosen->report.poles.substr(0, 5), "level") << chosen->report.poles;
+  EXPECT_LT(test::miss_sphere(chosen->function, level).rms, test::miss_sphere(jet->function, level).rms);
+  EXPECT_TRUE(jet->report.poles.empty());
+  const test::Body tilted = test::off_centre_sphere(25, {3, 1, 2});
+  for (const double sigma : {0.0, 0.02}) {
+    const auto fit = fit_of(tilted, sigma, {});
+    ASSERT_TRUE(fit);
+    EXPECT_EQ(fit->report.poles.substr(0, 5), "2-jet") << fit->report.poles;
+    EXPECT_LT(test::miss_sphere(fit->function, tilted).rms,
+              0.6 * test::miss_sphere(fit_of(tilted, sigma, PoleRule::level)->function, tilted).rms);
+  }
+}
+
 TEST(SphereFit, WhatIsMadeForCylindersRefusesIt) {
   const RangeFunction f(sphere(), 0, 0, {0, 2}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
   EXPECT_THROW(section(f, 1), std::invalid_argument);

@@ -68,7 +68,7 @@ TEST(BadInput, AddressesThatCannotBeAMachineEndTheDaemon) {
   Station station;
   auto command = station.daemon_command();
   for (const auto& [url, part] :
-       {std::pair{"usb:1234:5678", "not supported yet"}, std::pair{"modbus-tcp://127.0.0.1:99999", "port"},
+       {std::pair{"usb:1234:5678/", "serial number"}, std::pair{"modbus-tcp://127.0.0.1:99999", "port"},
         std::pair{"modbus-rtu:", "/dev/ttyX"}}) {
     command[2] = url;
     const auto outcome = run(command);

@@ -355,6 +355,37 @@ TEST(FitCommand, TurnedOverClosesTheOtherEnd) {
   EXPECT_NE(wrong.err.find("other.xyz"), std::string::npos) << wrong.err;
 }
 
+// A cylinder with its top face, standing on a table that is larger than it.
+TEST(FitCommand, TopAndTableAreNoWall) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> share(0, 1);
+  std::normal_distribution<double> normal(0, 0.02);
+  std::string samples;
+  const auto add = [&](double r, double z) {
+    const double t = 2 * std::numbers::pi * share(random);
+    char line[128];
+    std::snprintf(line, sizeof line, "%.9g %.9g %.9g\n", r * std::cos(t), r * std::sin(t), z);
+    samples += line;
+  };
+  for (int k = 0; k < 20000; ++k) add(30 + normal(random), 80 * share(random));
+  for (int k = 0; k < 4000; ++k) add(30 * std::sqrt(share(random)), 80 + normal(random));
+  for (int k = 0; k < 9000; ++k) add(std::sqrt(900 + 4000 * share(random)), normal(random));
+  const TemporaryFolder folder;
+  const auto outcome = run({"celadon", "fit", folder.write("part.xyz", samples), "-o", folder / "c.step",
+                            folder / "c.stl", "--report", folder / "r.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("face        the upper end is flat at z"), std::string::npos) << outcome.out;
+  const json report = json::parse(read_file(folder / "r.json"));
+  EXPECT_EQ(report["model"], "cylinder") << report["decided_by"];
+  EXPECT_NEAR(report["noise_mm"].get<double>(), 0.02, 0.001);
+  EXPECT_NEAR(report["size_mm"][2].get<double>(), 80, 0.01);
+  EXPECT_NEAR(report["solid"]["volume_mm3"].get<double>(), 900 * std::numbers::pi * 80, 60);
+  const std::string step = read_file(folder / "c.step");
+  EXPECT_NE(step.find("top (measured)"), std::string::npos);
+  EXPECT_NE(step.find("bottom (measured)"), std::string::npos);
+  EXPECT_EQ(step.find("assumed"), std::string::npos);
+}
+
 // Native samples are the scanner's: a cylinder off its axis is one about its own, unless the axis is named.
 TEST(FitCommand, NativeSamplesOfAPartOffTheAxis) {
   std::mt19937 random(5);

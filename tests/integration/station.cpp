@@ -34,13 +34,15 @@ Station::Station(const std::string& scene, const std::vector<std::string>& more,
       "--socket-dir", folder.path()};
   if (link == Link::modbus_rtu) {
     command.insert(command.end(), {"--modbus-tcp", "none", "--modbus-rtu", folder / "tty"});
+  } else if (link == Link::usb) {
+    command.insert(command.end(), {"--modbus-tcp", "none", "--usbip=attach"});
   } else {
     command.insert(command.end(), {"--modbus-tcp", "127.0.0.1:0"});
   }
   command.insert(command.end(), more.begin(), more.end());
   simulator = std::make_unique<Program>(command);
   if (!simulator->wait_for_output("\n")) throw std::runtime_error("simulator: " + simulator->wait().err);
-  url = json::parse(simulator->out())["modbus_url"];
+  url = link == Link::usb ? "usb:" : json::parse(simulator->out())["modbus_url"];
   const auto truth =
       run({"celadon-sim", "truth", "--socket-dir", folder.path(), "--calibration", folder / "calibration.toml"});
   if (truth.exit_code != 0) throw std::runtime_error("calibration: " + truth.err);

@@ -15,7 +15,8 @@ nlohmann::json ask_simulator(const std::filesystem::path& folder, const std::str
 
 class Station {
  public:
-  enum class Link { modbus_tcp, modbus_rtu };
+  /// usb: in this machine's kernel, camera too; as root, with vhci-hcd
+  enum class Link { modbus_tcp, modbus_rtu, usb };
 
   enum class Time { lock_step, real };
 

@@ -1,63 +1,95 @@
-// V4L2Source against the kernel's uvcvideo driver with a USB camera of the test's own; runs in the guest.
+// V4L2Source against the kernel's uvcvideo driver with the simulator's USB camera and a sensor of the test's own; runs
+// in the guest.
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <linux/videodev2.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <turbojpeg.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <cstdlib>
 #include <memory>
 
 #include "acquisition/frame.h"
-#include "tests/vm/uvc_camera.h"
+#include "sim/pacer.h"
+#include "sim/uvc_camera.h"
+#include "tests/sim/pattern_sensor.h"
+#include "tests/vm/plugged_usb.h"
 
 namespace celadon {
 namespace {
 
-using Exposure = UvcCamera::Exposure;
+using Controls = sim::UvcCamera::Controls;
 constexpr std::int64_t kPatience = 60'000'000'000;  // emulation is slow, and no test measures time
-
 constexpr int kWidth = 320, kHeight = 240;
+/// The capture node; uvcvideo makes another for metadata.
+constexpr const char* kNode = "/dev/video0";
 
-/// Byte of a pixel in the frame that begins with `first`.
-std::uint8_t pixel(std::uint8_t first, int x, int y) {
-  return static_cast<std::uint8_t>(first + 3 * x + 5 * y);
-}
+/// Begins a picture every 20 ms, as sensors do: of pictures that come without a pause the driver, which copies them in
+/// several threads, may finish the second before the first.
+class PacedSensor final : public sim::PatternSensor {
+ public:
+  using PatternSensor::PatternSensor;
+  bool begin_picture() override {
+    const std::int64_t now_ns = sim::monotonic_ns();
+    if (now_ns < next_ns_) return false;
+    next_ns_ = now_ns + 20'000'000;
+    return true;
+  }
+
+ private:
+  std::int64_t next_ns_ = 0;
+};
 
 /// Sees another pattern in every frame.
-UvcCamera::Sensor pattern() {
-  return [first = std::uint8_t{0}](const Exposure&, std::span<std::uint8_t> pixels) mutable {
-    for (int y = 0; y < kHeight; ++y) {
-      for (int x = 0; x < kWidth; ++x) pixels[static_cast<std::size_t>(y * kWidth + x)] = pixel(first, x, y);
-    }
-    ++first;
-  };
+class Camera {
+ public:
+  Controls controls() const {
+    return usb_.locked([this] { return camera_.controls(); });
+  }
+  void unplug() { usb_.unplug(); }
+
+ private:
+  PacedSensor sensor_{kWidth, kHeight};
+  sim::UvcCamera camera_{sensor_, 15'600'000};
+  sim::UsbDevice device_{{0x1209, 0x0001, "Celadon", "Test Camera", "CAM001"}, {&camera_}};
+  PluggedUsb usb_{device_, kNode};
+};
+
+std::uint8_t pixel(std::uint8_t first, int x, int y) {
+  return static_cast<std::uint8_t>(first + sim::PatternSensor::level(0, x, y));
 }
 
-std::unique_ptr<FrameSource> opened(const UvcCamera& camera) {
-  auto source = open_frame_source("v4l2:" + camera.node());
+std::unique_ptr<FrameSource> opened(const std::string& options = "") {
+  auto source = open_frame_source(std::string("v4l2:") + kNode + options);
   EXPECT_TRUE(source) << source.error().message;
   return source ? std::move(*source) : nullptr;
 }
 
 TEST(V4l2Uvc, exposure_reaches_the_camera_and_is_put_back) {
-  const UvcCamera camera(kWidth, kHeight, pattern());
-  const Exposure found = camera.exposure();
-  auto source = opened(camera);
+  const Camera camera;
+  const Controls found = camera.controls();
+  auto source = opened();
   ASSERT_TRUE(source);
   EXPECT_EQ(source->mode().exposure_ns, 0) << "the automatic sets it";
   EXPECT_EQ(source->mode().identity, "Test Camera CAM001");
   const auto set = source->set_exposure(5'000'000);
   ASSERT_TRUE(set) << set.error().message;
   EXPECT_EQ(*set, 5'000'000);
-  EXPECT_EQ(camera.exposure(), (Exposure{UvcCamera::kManual, 50}));
-  EXPECT_EQ(*source->set_exposure(1), 300'000);
+  EXPECT_EQ(camera.controls(), (Controls{sim::UvcCamera::kManual, 50, sim::UvcCamera::kUnitGain}));
+  EXPECT_EQ(*source->set_exposure(1), 100'000);
   EXPECT_EQ(*source->set_exposure(10'000'000'000), 204'700'000);
   source.reset();
-  EXPECT_EQ(camera.exposure(), found);
+  EXPECT_EQ(camera.controls(), found);
 }
 
 TEST(V4l2Uvc, frames_come_whole_and_exposure_is_put_back_after_streaming) {
-  const UvcCamera camera(kWidth, kHeight, pattern());
-  const Exposure found = camera.exposure();
-  auto source = opened(camera);
+  const Camera camera;
+  const Controls found = camera.controls();
+  auto source = opened();
   ASSERT_TRUE(source);
   EXPECT_EQ(source->mode().format, PixelFormat::grey8);
   EXPECT_EQ(source->mode().width_px, kWidth);
@@ -82,12 +114,79 @@ TEST(V4l2Uvc, frames_come_whole_and_exposure_is_put_back_after_streaming) {
     EXPECT_EQ(wrong, 0) << "frame " << i;
   }
   source.reset();
-  EXPECT_EQ(camera.exposure(), found);
+  EXPECT_EQ(camera.controls(), found);
+}
+
+TEST(V4l2Uvc, gain_set_through_the_driver_makes_brighter_pictures) {
+  const Camera camera;
+  auto source = opened("?format=YUYV");
+  ASSERT_TRUE(source);
+  EXPECT_EQ(source->mode().format, PixelFormat::yuyv);
+  const sim::FileDescriptor node(::open(kNode, O_RDWR | O_CLOEXEC));
+  v4l2_control gain{V4L2_CID_GAIN, 2 * sim::UvcCamera::kUnitGain};
+  ASSERT_EQ(::ioctl(node.get(), VIDIOC_S_CTRL, &gain), 0);
+  ASSERT_TRUE(source->start());
+  const auto frame = source->next(kPatience);
+  ASSERT_TRUE(frame) << frame.error().message;
+  // Levels that are doubled are even, or saturated.
+  int wrong = 0, bright = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(kWidth * kHeight); ++i) {
+    const std::uint8_t luma = frame->bytes()[2 * i];
+    wrong += luma % 2 != 0 && luma != 255;
+    bright += luma == 255;
+    wrong += frame->bytes()[2 * i + 1] != 128;
+  }
+  EXPECT_EQ(wrong, 0);
+  EXPECT_NEAR(bright, 0.5 * kWidth * kHeight, 0.05 * kWidth * kHeight);
+}
+
+/// One picture in a format that the scanner itself does not take.
+std::vector<std::uint8_t> capture(std::uint32_t fourcc) {
+  const sim::FileDescriptor node(::open(kNode, O_RDWR | O_CLOEXEC));
+  v4l2_format format{};
+  format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  format.fmt.pix.width = kWidth;
+  format.fmt.pix.height = kHeight;
+  format.fmt.pix.pixelformat = fourcc;
+  v4l2_requestbuffers request{};
+  request.count = 2;
+  request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  request.memory = V4L2_MEMORY_MMAP;
+  if (::ioctl(node.get(), VIDIOC_S_FMT, &format) != 0 || format.fmt.pix.pixelformat != fourcc ||
+      ::ioctl(node.get(), VIDIOC_REQBUFS, &request) != 0)
+    return {};
+  v4l2_buffer buffer{};
+  for (buffer.index = 0; buffer.index < request.count; ++buffer.index) {
+    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    buffer.memory = V4L2_MEMORY_MMAP;
+    if (::ioctl(node.get(), VIDIOC_QUERYBUF, &buffer) != 0 || ::ioctl(node.get(), VIDIOC_QBUF, &buffer) != 0) return {};
+  }
+  int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  if (::ioctl(node.get(), VIDIOC_STREAMON, &type) != 0 || ::ioctl(node.get(), VIDIOC_DQBUF, &buffer) != 0) return {};
+  void* mapped = ::mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, node.get(), buffer.m.offset);
+  if (mapped == MAP_FAILED) return {};
+  const auto* bytes = static_cast<const std::uint8_t*>(mapped);
+  std::vector<std::uint8_t> out(bytes, bytes + buffer.bytesused);
+  ::munmap(mapped, buffer.length);
+  return out;
+}
+
+TEST(V4l2Uvc, mjpeg_pictures_decode_to_the_pattern) {
+  const Camera camera;
+  const auto jpeg = capture(V4L2_PIX_FMT_MJPEG);
+  const std::unique_ptr<void, int (*)(tjhandle)> decoder(tjInitDecompress(), tjDestroy);
+  std::vector<std::uint8_t> grey(static_cast<std::size_t>(kWidth * kHeight));
+  ASSERT_EQ(tjDecompress2(decoder.get(), jpeg.data(), jpeg.size(), grey.data(), kWidth, 0, kHeight, TJPF_GRAY, 0), 0);
+  double off = 0;
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) off += std::abs(grey[static_cast<std::size_t>(y * kWidth + x)] - pixel(0, x, y));
+  }
+  EXPECT_LT(off / (kWidth * kHeight), 6) << "mean difference in levels, of a pattern that wraps";
 }
 
 TEST(V4l2Uvc, a_camera_that_is_unplugged_while_streaming_is_told) {
-  UvcCamera camera(kWidth, kHeight, pattern());
-  auto source = opened(camera);
+  Camera camera;
+  auto source = opened();
   ASSERT_TRUE(source);
   ASSERT_TRUE(source->set_exposure(5'000'000));
   ASSERT_TRUE(source->start());

@@ -1,0 +1,38 @@
+#pragma once
+// What is known of a part beforehand, as options of a fit.
+
+#include <numbers>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+
+#include <tl/expected.hpp>
+
+#include "fitting/constraints.h"
+
+namespace celadon::cli {
+
+/// The symmetry that was asked for; where the mirror plane is may be left to the samples.
+struct SymmetryRequest {
+  int fold = 1;
+  bool mirrored = false;
+  std::optional<double> plane_rad{};  ///< nullopt: to be found
+  bool any() const { return fold > 1 || mirrored; }
+};
+
+struct ConstraintArguments {
+  std::vector<std::string> radii;
+  std::optional<double> angle_below_deg, angle_above_deg;
+  int fold = 1;
+  std::string mirror = "none";
+  bool any() const { return !radii.empty() || angle_below_deg || angle_above_deg || fold > 1 || mirror != "none"; }
+};
+
+void add_constraint_options(CLI::App& command, ConstraintArguments& arguments);
+/// Errors: a radius that is not HEIGHT=RADIUS.
+tl::expected<Constraints, std::string> constraints_of(const ConstraintArguments& arguments);
+SymmetryRequest symmetry_of(const ConstraintArguments& arguments);
+
+}  // namespace celadon::cli
