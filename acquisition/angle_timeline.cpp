@@ -46,7 +46,8 @@ Parabola parabola(const Node& a, const Node& b, const Node& c) {
 
 }  // namespace
 
-AngleTimeline::AngleTimeline(double quantisation_rad) : quantisation_rad_(quantisation_rad) {
+AngleTimeline::AngleTimeline(double quantisation_rad, StampedBy stamped_by)
+    : quantisation_rad_(quantisation_rad), stamped_by_(stamped_by) {
   if (!(quantisation_rad >= 0) || !std::isfinite(quantisation_rad)) {
     throw std::invalid_argument("AngleTimeline: the encoder's resolution must be finite and not negative");
   }
@@ -54,21 +55,36 @@ AngleTimeline::AngleTimeline(double quantisation_rad) : quantisation_rad_(quanti
 
 void AngleTimeline::add(const PositionSample& sample) {
   if (!std::isfinite(sample.angle_rad)) throw std::invalid_argument("AngleTimeline: the angle is not finite");
+  if (stamped_by_ == StampedBy::host) {
+    if (sample.host_after_ns < sample.host_before_ns)
+      throw std::invalid_argument("AngleTimeline: an exchange that ends before it begins");
+    const std::int64_t exchange_ns = sample.host_after_ns - sample.host_before_ns;
+    const auto middle_us = static_cast<std::uint64_t>((sample.host_before_ns + exchange_ns / 2) / 1000);
+    return add_point(middle_us, sample, static_cast<double>(exchange_ns) / std::sqrt(12.));
+  }
+  const std::uint64_t device_us = sample.device_reply_us != 0 ? sample.device_reply_us : sample.device_time_us;
   const bool first = clock_.empty();
-  if (!first && sample.device_time_us < newest_device_us_) points_.clear();
-  const bool repeated = !points_.empty() && sample.counter == newest_counter_;
+  if (!first && device_us < newest_device_us_) points_.clear();
   // The same stamp read once more only says that it was taken before the later answer, too.
-  if (first || sample.device_time_us != newest_device_us_) {
-    clock_.add(sample.device_time_us, sample.host_before_ns, sample.host_after_ns);
+  if (first || device_us != newest_device_us_) {
+    clock_.add(device_us, sample.host_before_ns, sample.host_after_ns);
   } else if (sample.host_after_ns < sample.host_before_ns) {
     throw std::invalid_argument("AngleTimeline: an exchange that ends before it begins");
   }
-  if (!repeated && (points_.empty() || sample.device_time_us > points_.back().device_time_us)) {
-    points_.push_back({sample.device_time_us, sample.angle_rad});
-    if (points_.size() > kMostPoints) points_.pop_front();
-    newest_counter_ = sample.counter;
-  }
-  newest_device_us_ = sample.device_time_us;
+  add_point(sample.device_time_us, sample, 0);
+  newest_device_us_ = device_us;
+}
+
+void AngleTimeline::add_point(std::uint64_t time_us, const PositionSample& sample, double sigma_ns) {
+  if (!points_.empty() && (sample.counter == newest_counter_ || time_us <= points_.back().device_time_us)) return;
+  points_.push_back({time_us, sample.angle_rad, sigma_ns});
+  if (points_.size() > kMostPoints) points_.pop_front();
+  newest_counter_ = sample.counter;
+}
+
+std::int64_t AngleTimeline::host_time_of(const Point& point) const {
+  return stamped_by_ == StampedBy::host ? static_cast<std::int64_t>(point.device_time_us) * 1000
+                                        : clock_.host_time_ns(point.device_time_us);
 }
 
 void AngleTimeline::clear_positions() {
@@ -76,14 +92,14 @@ void AngleTimeline::clear_positions() {
 }
 
 std::int64_t AngleTimeline::newest_ns() const {
-  return points_.empty() ? INT64_MIN : clock_.host_time_ns(points_.back().device_time_us);
+  return points_.empty() ? INT64_MIN : host_time_of(points_.back());
 }
 
 tl::expected<AngleAtInstant, const char*> AngleTimeline::at(std::int64_t host_ns,
                                                             std::int64_t max_extrapolation_ns) const {
   if (points_.empty())
     return tl::unexpected<const char*>("no position of the table is known: poll the controller first");
-  const auto host = [&](std::size_t i) { return clock_.host_time_ns(points_[i].device_time_us); };
+  const auto host = [&](std::size_t i) { return host_time_of(points_[i]); };
   const std::size_t count = points_.size();
   if (host_ns - host(count - 1) > max_extrapolation_ns) {
     return tl::unexpected<const char*>(
@@ -149,7 +165,11 @@ tl::expected<AngleAtInstant, const char*> AngleTimeline::at(std::int64_t host_ns
     }
   }
   const std::size_t nearest = std::min(after, count - 1);
-  const double clock_rad = result.speed * clock_.sigma_ns(points_[nearest].device_time_us) * 1e-9;
+  // The neighbours' times err apart; taken as one, the larger of the two.
+  const double clock_ns = stamped_by_ == StampedBy::host
+                              ? std::max(points_[nearest].sigma_ns, points_[nearest > 0 ? nearest - 1 : 0].sigma_ns)
+                              : clock_.sigma_ns(points_[nearest].device_time_us);
+  const double clock_rad = result.speed * clock_ns * 1e-9;
   const double encoder_rad = quantisation_rad_ * std::sqrt(result.squared_weights / 12);
   return AngleAtInstant{result.angle_rad, std::hypot(encoder_rad, clock_rad, model_rad), result.speed};
 }

@@ -19,6 +19,8 @@ struct PositionSample {
   std::uint64_t device_time_us = 0;
   double angle_rad = 0;  ///< unwrapped
   std::int64_t host_before_ns = 0, host_after_ns = 0;
+  std::uint64_t device_reply_us =
+      0;  ///< the controller's clock when it answered: not older by a sampling period; 0: not told
 };
 
 struct AngleAtInstant {
@@ -36,11 +38,15 @@ struct FrameAngle {
   }
 };
 
+/// Who says when a position was taken: the controller, or only the exchange that brought it.
+enum class StampedBy : std::uint8_t { controller, host };
+
 class AngleTimeline {
  public:
-  /// quantisation_rad: resolution of the encoder.
+  /// quantisation_rad: resolution of the encoder. Stamped by the host, device_time_us is not used: a sample counts as
+  /// taken in the middle of its exchange, with a standard uncertainty of the whole exchange over sqrt(12).
   /// @throws std::invalid_argument unless it is finite and >= 0
-  explicit AngleTimeline(double quantisation_rad);
+  explicit AngleTimeline(double quantisation_rad, StampedBy stamped_by = StampedBy::controller);
   /// Repeated counters are used for the clock offset only. A device time that falls means that the controller was
   /// restarted: everything known before is forgotten.
   /// @throws std::invalid_argument for an angle that is not finite or host_after_ns < host_before_ns
@@ -56,19 +62,23 @@ class AngleTimeline {
   /// there
   tl::expected<AngleAtInstant, const char*> at(std::int64_t host_ns,
                                                std::int64_t max_extrapolation_ns = 50'000'000) const;
-  /// Estimated host time of a controller time stamp.
+  /// Estimated host time of a controller time stamp. @pre stamped by the controller
   std::int64_t host_time_ns(std::uint64_t device_time_us) const { return clock_.host_time_ns(device_time_us); }
 
  private:
   struct Point {
-    std::uint64_t device_time_us;
+    std::uint64_t device_time_us;  ///< of the host's clock where that stamps
     double angle_rad;
+    double sigma_ns;  ///< of the time, where the host stamps
   };
+  std::int64_t host_time_of(const Point& point) const;
+  void add_point(std::uint64_t time_us, const PositionSample& sample, double sigma_ns);
   std::deque<Point> points_;
   ClockOffset clock_;
   double quantisation_rad_;
+  StampedBy stamped_by_;
   std::uint32_t newest_counter_ = 0;
-  std::uint64_t newest_device_us_ = 0;
+  std::uint64_t newest_device_us_ = 0;  ///< that the clocks were compared by
 };
 
 }  // namespace celadon

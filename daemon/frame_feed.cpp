@@ -9,6 +9,8 @@ namespace {
 constexpr std::int64_t kMillisecond_ns = 1'000'000;
 constexpr std::int64_t kCameraSilence_ns = 2'000 * kMillisecond_ns;
 constexpr int kMostStaleFrames = 200;
+constexpr std::int64_t kDarkLimit_ns = 100 * kMillisecond_ns;  // of a laser that is switched on
+constexpr std::int64_t kStampSlack_ns = 5 * kMillisecond_ns;
 
 std::string milliseconds(std::int64_t ns) {
   char text[32];
@@ -20,7 +22,7 @@ std::string milliseconds(std::int64_t ns) {
 
 ScanStop stop_of(const DeviceError& error) {
   using Kind = DeviceError::Kind;
-  if (error.kind == Kind::interrupted) return cancelled_by("during \"" + error.operation + "\"");
+  if (error.kind == Kind::interrupted) return cancelled_by(error.cause + " during \"" + error.operation + "\"");
   const bool lost = error.kind == Kind::lost || error.kind == Kind::timed_out || error.kind == Kind::not_found ||
                     error.kind == Kind::broken_reply || error.kind == Kind::system;
   return {ScanState::failed, error.message(), lost, false};
@@ -49,7 +51,11 @@ tl::expected<std::unique_ptr<FrameFeed>, ScanStop> FrameFeed::start(const ScanEq
                                         false, false});
   }
   std::unique_ptr<FrameFeed> feed(new FrameFeed(equipment, observer, triangulator, laser));
-  if (auto started = equipment.camera.start(); !started) return tl::make_unexpected(stop_of(started.error()));
+  if (auto started = equipment.camera.start(); !started) {
+    ScanStop stop = stop_of(started.error());
+    stop.camera_was_gone = true;
+    return tl::make_unexpected(std::move(stop));
+  }
   if (auto polled = feed->poll(); !polled) return tl::make_unexpected(polled.error());
   return feed;
 }
@@ -82,6 +88,29 @@ std::optional<ScanStop> FrameFeed::unfit() const {
   return std::nullopt;
 }
 
+/// A laser that should shine, as the controller measures it. Moments without light are counted; longer ones end the
+/// scan.
+std::optional<ScanStop> FrameFeed::dark_laser() {
+  const std::int64_t now_ns = status_.host_after_ns;
+  if (!lit_ || status_.lease_left_ms == 0 || now_ns - shining_since_ns_ < kDarkLimit_ns) {
+    dark_since_ns_ = 0;
+    return std::nullopt;
+  }
+  ++counts_.looks_lit;
+  if ((status_.lasers_on >> laser_ & 1) != 0) {
+    dark_since_ns_ = 0;
+    return std::nullopt;
+  }
+  ++counts_.looks_dark;
+  if (dark_since_ns_ == 0) dark_since_ns_ = now_ns;
+  if (now_ns - dark_since_ns_ < kDarkLimit_ns) return std::nullopt;
+  return ScanStop{
+      ScanState::failed,
+      "Laser " + std::to_string(laser_) +
+          " does not emit although it is switched on; check its supply and its cable, then start a new scan.",
+      false, false};
+}
+
 tl::expected<void, ScanStop> FrameFeed::poll() {
   if (const auto reason = observer_.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
   if (equipment_.device == nullptr) return {};
@@ -93,8 +122,9 @@ tl::expected<void, ScanStop> FrameFeed::poll() {
     return tl::make_unexpected(cancelled_by("by the button on the machine"));
   }
   if (auto stop = unfit()) return tl::make_unexpected(*stop);
+  if (auto stop = dark_laser()) return tl::make_unexpected(*stop);
   const PositionSample sample{status_.position_counter, status_.position_time_us, status_.angle_rad,
-                              status_.host_before_ns, status_.host_after_ns};
+                              status_.host_before_ns,   status_.host_after_ns,    status_.uptime_us};
   timeline_.add(sample);
   if (log_ != nullptr) log_->append(sample);
   return {};
@@ -106,6 +136,9 @@ tl::expected<void, ScanStop> FrameFeed::renew_lease(bool granting) {
   if (!granting && now_ns - granted_ns_ < lease_ms * kMillisecond_ns / 3) return {};
   if (granting || now_ns - granted_ns_ >= lease_ms * kMillisecond_ns) shining_since_ns_ = now_ns;
   if (auto renewed = equipment_.device->renew_laser(laser_, lease_ms); !renewed) {
+    // One lost answer: the lease ends, the next good frame asks for a new one. A link that is dead shows at the next
+    // poll.
+    if (!granting && renewed.error().kind == DeviceError::Kind::timed_out) return {};
     return tl::make_unexpected(stop_of(renewed.error()));
   }
   granted_ns_ = now_ns;
@@ -123,31 +156,55 @@ tl::expected<void, ScanStop> FrameFeed::laser_off() {
   return {};
 }
 
+/// Stamps of the host's clock cannot lie in its future, nor go back.
+std::optional<ScanStop> FrameFeed::wrong_stamp(const FrameInfo& frame) const {
+  const std::int64_t future_ns = frame.stamp_ns - status_.host_after_ns;
+  const std::int64_t back_ns = last_stamp_ns_ == INT64_MIN ? 0 : last_stamp_ns_ - frame.stamp_ns;
+  std::string what;
+  if (future_ns > kStampSlack_ns) what = "lies " + milliseconds(future_ns) + " in the future";
+  if (back_ns > 2 * equipment_.camera.mode().frame_period_ns)
+    what = "is " + milliseconds(back_ns) + " older than the last";
+  if (what.empty()) return std::nullopt;
+  return ScanStop{ScanState::failed,
+                  "The time stamp of frame " + std::to_string(frame.sequence) + " " + what +
+                      ": the clock that stamps frames was set. Start a new scan; if it comes again, check the camera's "
+                      "driver.",
+                  false, true};
+}
+
 tl::expected<Frame, ScanStop> FrameFeed::next() {
-  const std::int64_t wait_ns = std::max(4 * equipment_.camera.mode().frame_period_ns, 250 * kMillisecond_ns);
-  std::int64_t silent_ns = 0;
+  const std::int64_t period_ns = equipment_.camera.mode().frame_period_ns;
+  const std::int64_t wait_ns = std::max(4 * period_ns, 250 * kMillisecond_ns);
+  std::int64_t silent_ns = 0;  // without a good frame; and the lease runs out: only those renew it
+  int damaged = 0;
   while (true) {
     auto frame = equipment_.camera.next(wait_ns);
-    if (!frame) {
-      if (frame.error().kind != CameraError::Kind::timed_out) return tl::make_unexpected(stop_of(frame.error()));
-      silent_ns += wait_ns;  // and the lease runs out: only frames renew it
-      if (silent_ns >= kCameraSilence_ns) {
-        return tl::make_unexpected(ScanStop{ScanState::failed,
-                                            "The camera delivered no frame for " + milliseconds(silent_ns) +
-                                                "; check its cable and power, then start a new scan. (" +
-                                                frame.error().message + ")",
-                                            false, true});
-      }
-      if (auto polled = poll(); !polled) return tl::make_unexpected(polled.error());
-      continue;
-    }
-    if (!counts_lost_) frame->info.lost_before = 0;
-    if (lit_) {
+    if (!frame && frame.error().kind != CameraError::Kind::timed_out)
+      return tl::make_unexpected(stop_of(frame.error()));
+    if (frame && !counts_lost_) frame->info.lost_before = 0;
+    const bool good = frame && !frame->info.corrupt && frame->info.stamp_ns != last_stamp_ns_;
+    if (good && lit_) {
       if (auto renewed = renew_lease(false); !renewed) return tl::make_unexpected(renewed.error());
     }
     if (auto polled = poll(); !polled) return tl::make_unexpected(polled.error());
-    if (!frame->info.corrupt) return std::move(*frame);
-    verdict(frame->info, FrameVerdict::corrupt);
+    if (good) {
+      if (auto stop = wrong_stamp(frame->info)) return tl::make_unexpected(*stop);
+      last_stamp_ns_ = frame->info.stamp_ns;
+      return std::move(*frame);
+    }
+    silent_ns += frame ? period_ns : wait_ns;
+    if (frame) {
+      ++damaged;
+      verdict(frame->info, frame->info.corrupt ? FrameVerdict::corrupt : FrameVerdict::stale);
+    }
+    if (silent_ns < kCameraSilence_ns) continue;
+    const std::string what =
+        damaged == 0 ? "no frame for " : "no good frame, but " + std::to_string(damaged) + " damaged ones, for ";
+    return tl::make_unexpected(ScanStop{ScanState::failed,
+                                        "The camera delivered " + what + milliseconds(silent_ns) +
+                                            "; check its cable and power, then start a new scan." +
+                                            (frame ? "" : " (" + frame.error().message + ")"),
+                                        false, true});
   }
 }
 

@@ -39,9 +39,9 @@ class FrameFeed {
   /// When the present grant began to shine without a gap, host time.
   std::int64_t shining_since_ns() const { return shining_since_ns_; }
 
-  /// The next frame that the driver did not flag as corrupt; the laser's lease is renewed for it and the device polled
-  /// after it. Ends with a stop when cancelled, when the button was pressed, when no frame came for two seconds or when
-  /// the device is not fit to scan.
+  /// The next frame that is whole and not the one before once more; the laser's lease is renewed for it and the device
+  /// polled after it. Ends with a stop when cancelled, when the button was pressed, when no good frame came for two
+  /// seconds, when time stamps cannot be, or when the device is not fit to scan.
   tl::expected<Frame, ScanStop> next();
   /// The same, but frames whose exposure began before an instant of the host clock are dropped and counted as stale.
   tl::expected<Frame, ScanStop> next_after(std::int64_t instant_ns);
@@ -57,6 +57,7 @@ class FrameFeed {
   /// Frames so far, since record_in().
   struct Counts {
     std::uint64_t frames = 0, lost = 0, stale = 0, corrupt = 0;
+    std::uint64_t looks_lit = 0, looks_dark = 0;  ///< polls with the laser switched on, and of them without its light
   };
   const Counts& counts() const { return counts_; }
   /// Frames that the driver lost count while the table turns continuously; between two steps nobody looks.
@@ -66,6 +67,8 @@ class FrameFeed {
   FrameFeed(const ScanEquipment& equipment, ScanObserver& observer, const Triangulator& triangulator, int laser);
   tl::expected<void, ScanStop> renew_lease(bool granting);
   std::optional<ScanStop> unfit() const;
+  std::optional<ScanStop> dark_laser();
+  std::optional<ScanStop> wrong_stamp(const FrameInfo& frame) const;
 
   const ScanEquipment equipment_;
   ScanObserver& observer_;
@@ -78,6 +81,8 @@ class FrameFeed {
   Counts counts_;
   bool lit_ = false, counts_lost_ = false;
   std::int64_t granted_ns_ = 0, shining_since_ns_ = 0;
+  std::int64_t dark_since_ns_ = 0;          ///< the laser does not emit although it should; 0: it does
+  std::int64_t last_stamp_ns_ = INT64_MIN;  ///< of the newest good frame
 };
 
 /// A device error as the end of a scan.

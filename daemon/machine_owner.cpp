@@ -74,6 +74,14 @@ void ScanQueue::own_machine() {
       connect();
       continue;
     }
+    const bool scans_wait = !nothing_waits();
+    // Also before a scan: presses up to here are those of an idle machine, not the ones that end a scan.
+    watch_machine();
+    if (!connection_) continue;
+    if (!scans_wait) {
+      rest();
+      continue;
+    }
     std::optional<std::uint64_t> next;
     {
       const MutexLock lock(mutex_);
@@ -84,12 +92,7 @@ void ScanQueue::own_machine() {
         machine_.current_scan = *next;
       }
     }
-    if (next) {
-      run(*next);
-    } else {
-      watch_machine();
-      rest();
-    }
+    if (next) run(*next);
   }
   std::deque<std::uint64_t> left;
   {
@@ -133,6 +136,7 @@ void ScanQueue::connect() {
     machine_.machine = machine;
     machine_.simulated = simulated;
     machine_.error.clear();
+    machine_.found = connection_->device ? connection_->device->found_at_open().text : "";
     first_attempt_done_ = true;
     wake_.notify_all();
     return;
@@ -191,6 +195,7 @@ void ScanQueue::run(std::uint64_t id) {
     const ScanRecord& record = records_.at(id);
     task.request = record.request;
     task.date = record.created;
+    task.from_afar = record.requested_by != "button";
     task.log_file = store_.log_file(id);
     task.results_folder = store_.results_folder(id);
     if (!options_.recordings.empty()) task.recording_folder = options_.recordings / std::to_string(id);
@@ -198,9 +203,9 @@ void ScanQueue::run(std::uint64_t id) {
   const bool simulated = is_simulated(*connection_);
   change(id, false, [&](ScanRecord& record) { record.simulated = simulated; });
   Observer observer(*this, id);
-  const ScanEquipment equipment{connection_->device.get(), *connection_->camera, *connection_->clock, calibration_,
-                                connection_->truth.get(),  options_.volume};
-  auto outcome = run_scan(equipment, task, observer);
+  auto outcome = run_scan(equipment_of(*connection_), task, observer);
+  if (!outcome && outcome.error().camera_was_gone && connect_again())
+    outcome = run_scan(equipment_of(*connection_), task, observer);
 
   const ScanState state = outcome ? ScanState::done : outcome.error().state;
   if (outcome) {
@@ -235,6 +240,21 @@ void ScanQueue::run(std::uint64_t id) {
   });
 }
 
+/// A camera that was unplugged and plugged in again while nobody looked has to be opened anew.
+bool ScanQueue::connect_again() {
+  connection_.reset();
+  auto connection = connect_();
+  if (!connection) return false;
+  connection_ = std::move(*connection);
+  lamp_ = LampPattern::off;
+  return true;
+}
+
+ScanEquipment ScanQueue::equipment_of(ScannerConnection& connection) const {
+  return {connection.device.get(), *connection.camera, *connection.clock, calibration_,
+          connection.truth.get(),  options_.volume};
+}
+
 void ScanQueue::lose_connection(const std::string& reason) {
   spdlog::error("connection lost: {}", reason);
   connection_.reset();
@@ -256,7 +276,7 @@ void ScanQueue::lose_connection(const std::string& reason) {
 }
 
 void ScanQueue::show_lamp(LampPattern pattern) {
-  if (pattern == lamp_ || !connection_->device) return;
+  if (pattern == lamp_ || !connection_ || !connection_->device) return;
   // A lamp that fails is no reason to stop; a lost link shows at the next poll.
   if (connection_->device->set_lamp(pattern)) lamp_ = pattern;
 }
@@ -270,6 +290,22 @@ void ScanQueue::note_status(const DeviceStatus& status) {
   machine_.interlock_closed = status.interlock_closed;
   machine_.laser_on = status.lasers_on != 0;
   machine_.fault = status.fault_text;
+  if (!connection_->device) return;
+  machine_.remote_enabled = status.remote_enabled || !connection_->device->capabilities().remote_enable_switch;
+  const LinkQuality& link = connection_->device->link_quality();
+  machine_.link = {link.requests,
+                   link.retries,
+                   link.time_outs,
+                   link.broken_replies,
+                   link.exceptions,
+                   link.reconnects,
+                   static_cast<double>(link.round_trip_ns) * 1e-6,
+                   static_cast<double>(link.longest_round_trip_ns) * 1e-6};
+}
+
+bool ScanQueue::nothing_waits() const {
+  const MutexLock lock(mutex_);
+  return queue_.empty();
 }
 
 bool ScanQueue::stopping() const {

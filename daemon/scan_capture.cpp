@@ -106,6 +106,11 @@ class Intake {
                                 " corrupt of " + std::to_string(c.frames + c.lost) +
                                 "; check the camera's cable, its bandwidth and the load of this computer.");
     }
+    if (c.looks_dark > 0) {
+      result.warnings.push_back("The laser was dark in " + std::to_string(c.looks_dark) + " of " +
+                                std::to_string(c.looks_lit) +
+                                " looks while it was switched on: it flickers; check its supply and its cable.");
+    }
     return result;
   }
 
@@ -181,14 +186,17 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
     const FrameInfo info = frame->info;
     const std::int64_t middle_ns = middle_of(tools, info);
     const auto angle = feed.timeline().at(middle_ns);
+    at_rest = feed.status().motion == MotionState::moving ? 0 : at_rest + 1;
     if (!angle) {
+      if (at_rest > kFramesAtRest) {
+        return capture_failed("The table has turned, but the time stamps of the frames belong to no position of it (" +
+                              std::string(angle.error()) + "); check the camera's clock and start a new scan.");
+      }
       feed.verdict(info, FrameVerdict::no_angle);
       continue;
     }
     const double turned = (angle->angle_rad - start) / turn.encoder_per_true;
     if (turned >= end_turned) break;
-    const MotionState motion = feed.status().motion;
-    at_rest = motion == MotionState::moving ? 0 : at_rest + 1;
     if (at_rest > kFramesAtRest) {
       return capture_failed("The table stopped after " + degrees(std::max(turned, 0.)) + " of " + degrees(end_turned) +
                             "; check what blocks it and start a new scan.");

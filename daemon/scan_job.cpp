@@ -10,6 +10,7 @@
 #include <future>
 
 #include "acquisition/recording.h"
+#include "daemon/dark_frame.h"
 #include "daemon/export/cad_client.h"
 #include "daemon/frame_feed.h"
 #include "daemon/profile_log.h"
@@ -37,7 +38,10 @@ class SafeOnExit {
  public:
   SafeOnExit(ScannerDevice* device, ScanObserver& observer) : device_(device) {
     if (device_ == nullptr) return;
-    device_->set_interrupt([&observer, device] { return observer.cancelled() || device->take_button_presses() > 0; });
+    device_->set_interrupt([&observer, device]() -> std::optional<std::string> {
+      if (device->take_button_presses() > 0) return "by the button on the machine";
+      return observer.cancelled();
+    });
   }
   ~SafeOnExit() {
     if (device_ == nullptr) return;
@@ -300,7 +304,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   const Triangulator triangulator(equipment.calibration, laser, equipment.volume);
   LaserLineExtractor extractor;
   if (recorded == nullptr) {
-    auto ready = make_device_ready(equipment, task.request, observer);
+    auto ready = make_device_ready(equipment, task, observer);
     if (!ready) return tl::make_unexpected(ready.error());
   }
   auto recording = open_recording(equipment, task);
@@ -334,11 +338,21 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
 
   // Make safe, whatever came of it; the log is closed in order.
   const std::optional<std::string> unsafe = safe.now();
-  feed->reset();
+  auto shines = std::async(captured ? std::launch::async : std::launch::deferred,
+                           [&, dark_since_ns = recorded != nullptr ? 0 : equipment.clock.now_ns()] {
+                             return recorded != nullptr
+                                        ? std::nullopt
+                                        : light_although_off(equipment.camera, triangulator, *seen, dark_since_ns);
+                           });
   if (!captured) {
-    const bool cancelled = captured.error().state == ScanState::cancelled;
-    (void)(*log)->finish(cancelled ? LogOutcome::cancelled : LogOutcome::failed, captured.error().reason);
-    return tl::make_unexpected(captured.error());
+    ScanStop& stop = captured.error();
+    if (unsafe && !stop.device_lost) stop.reason += " " + *unsafe;
+    if (!unsafe && !stop.device_lost && !stop.camera_lost) {
+      if (const auto light = shines.get()) stop.reason += " " + *light;
+    }
+    const bool cancelled = stop.state == ScanState::cancelled;
+    (void)(*log)->finish(cancelled ? LogOutcome::cancelled : LogOutcome::failed, stop.reason);
+    return tl::make_unexpected(stop);
   }
   if (unsafe) notes.warnings.push_back(*unsafe);
   if (*recording) {
@@ -371,6 +385,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     streams = own->samples.streams();
   }
   clock.end("solve");
+  if (const auto light = shines.get(); light && !unsafe) notes.warnings.push_back(*light);
+  feed->reset();
   if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
 
   // Files and report; the errors are measured while the CAD file is written.

@@ -34,6 +34,7 @@ struct ScanTask {
   std::filesystem::path log_file;               ///< must not exist
   std::filesystem::path results_folder;         ///< must not exist
   std::filesystem::path recording_folder = {};  ///< of the frames, if they shall be kept; must not exist
+  bool from_afar = false;  ///< not by the machine's own button: needs its switch, and a warning before anything moves
 };
 
 /// Who watches a scan. Called from the scan's thread, between two frames; must return at once.
@@ -53,6 +54,7 @@ struct ScanStop {
   std::string reason;
   bool device_lost = false, camera_lost = false;  ///< connect again before the next scan
   ScanFailure failure = ScanFailure::device;      ///< of failed
+  bool camera_was_gone = false;                   ///< before the scan began: a new connection may serve it
 };
 
 /// What a finished scan leaves.

@@ -5,6 +5,8 @@
 #include <cstdio>
 #include <span>
 
+#include "daemon/dark_frame.h"
+
 namespace celadon {
 namespace {
 
@@ -13,6 +15,7 @@ constexpr int kSteadyFrames = 3;
 constexpr double kSteady = 0.02;  // relative change of the line's brightness from frame to frame
 constexpr std::int64_t kWarmUpLimit_ns = 20'000'000'000;
 constexpr std::int64_t kLineLimit_ns = 3'000'000'000;
+constexpr std::int64_t kWarning_ns = 2'000'000'000, kWarningPoll_ns = 100'000'000;
 
 tl::unexpected<ScanStop> device_failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
@@ -60,25 +63,8 @@ tl::expected<std::vector<std::uint8_t>, ScanStop> mean_frame(FrameFeed& feed, Cl
   return mean.mean();
 }
 
-struct Brightness {
-  int lines = 0, saturated = 0;
-  double amplitude = 0;  // mean over the rows with a line
-};
-
-Brightness brightness_of(const std::vector<LineRow>& rows) {
-  Brightness b;
-  for (const LineRow& row : rows) {
-    if (row.status != RowStatus::found && row.status != RowStatus::saturated) continue;
-    ++b.lines;
-    b.saturated += row.status == RowStatus::saturated ? 1 : 0;
-    b.amplitude += row.amplitude;
-  }
-  if (b.lines > 0) b.amplitude /= b.lines;
-  return b;
-}
-
 /// What the line on the object as it stands says of the scan to come.
-tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const Brightness& brightness,
+tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const LineBrightness& brightness,
                                    const FrameInfo& seen, double angle_rad, const ScanVolume& volume,
                                    const Triangulator& triangulator, ScanPreparation& preparation) {
   if (2 * brightness.saturated > brightness.lines) {
@@ -100,6 +86,43 @@ tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const Brigh
   preparation.z_low_mm = *low;
   preparation.z_high_mm = *high;
   preparation.samples = profile.size();
+  preparation.line = brightness;
+  return {};
+}
+
+tl::expected<void, ScanStop> fit_to_start(const DeviceStatus& status, bool needs_switch) {
+  if (status.emergency_stop) {
+    return device_failed(
+        "The emergency stop is pressed; release it, press the button on the machine and start a new scan.");
+  }
+  if (!status.interlock_closed) {
+    return device_failed(
+        "The interlock is open; close the cover, press the button on the machine and start a new scan.");
+  }
+  if (status.local_action_needed) {
+    return device_failed("The machine is locked after a stop; press the button on the machine, then start a new scan.");
+  }
+  if (needs_switch && !status.remote_enabled) {
+    return device_failed(
+        "The switch at the machine forbids a start from afar; turn it, or start the scan with the button on the "
+        "machine.");
+  }
+  return {};
+}
+
+/// The lamp shows what is about to come; whoever stands there may stop it.
+tl::expected<void, ScanStop> warn(const ScanEquipment& equipment, ScanObserver& observer) {
+  ScannerDevice& device = *equipment.device;
+  const std::int64_t end_ns = equipment.clock.now_ns() + kWarning_ns;
+  while (equipment.clock.now_ns() < end_ns) {
+    equipment.clock.sleep_until(std::min(end_ns, equipment.clock.now_ns() + kWarningPoll_ns));
+    if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
+    auto status = device.poll();
+    if (!status) return tl::make_unexpected(stop_of(status.error()));
+    observer.on_status(*status);
+    if (device.take_button_presses() > 0) return tl::make_unexpected(cancelled_by("by the button on the machine"));
+    if (auto fit = fit_to_start(*status, device.capabilities().remote_enable_switch); !fit) return fit;
+  }
   return {};
 }
 
@@ -111,24 +134,29 @@ std::string seconds(std::int64_t ns) {
 
 }  // namespace
 
-tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanRequest& request,
+LineBrightness brightness_of(const std::vector<LineRow>& rows) {
+  LineBrightness b;
+  for (const LineRow& row : rows) {
+    if (row.status != RowStatus::found && row.status != RowStatus::saturated) continue;
+    ++b.lines;
+    b.saturated += row.status == RowStatus::saturated ? 1 : 0;
+    b.amplitude += row.amplitude;
+  }
+  if (b.lines > 0) b.amplitude /= b.lines;
+  return b;
+}
+
+tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanTask& task,
                                                ScanObserver& observer) {
   ScannerDevice& device = *equipment.device;
   auto status = device.poll();
   if (!status) return tl::make_unexpected(stop_of(status.error()));
   observer.on_status(*status);
-  if (status->emergency_stop) {
-    return device_failed(
-        "The emergency stop is pressed; release it, press the button on the machine and start a new scan.");
-  }
-  if (!status->interlock_closed) {
-    return device_failed(
-        "The interlock is open; close the cover, press the button on the machine and start a new scan.");
-  }
-  if (status->local_action_needed) {
-    return device_failed("The machine is locked after a stop; press the button on the machine, then start a new scan.");
-  }
+  if (auto fit = fit_to_start(*status, task.from_afar && device.capabilities().remote_enable_switch); !fit) return fit;
   if (auto off = device.laser_off(); !off) return tl::make_unexpected(stop_of(off.error()));
+  if (task.from_afar) {
+    if (auto warned = warn(equipment, observer); !warned) return warned;
+  }
   const bool stopped = status->motion == MotionState::fault || status->motion == MotionState::stopped;
   if (stopped || status->fault_code != 0) {
     if (auto cleared = device.clear_fault(); !cleared) return tl::make_unexpected(stop_of(cleared.error()));
@@ -136,8 +164,8 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
   if (stopped || status->motion == MotionState::unhomed || !status->homed) {
     if (auto homed = device.home(); !homed) return tl::make_unexpected(stop_of(homed.error()));
   }
-  if (request.exposure_ms > 0) {
-    auto exposure = equipment.camera.set_exposure(std::llround(request.exposure_ms * 1e6));
+  if (task.request.exposure_ms > 0) {
+    auto exposure = equipment.camera.set_exposure(std::llround(task.request.exposure_ms * 1e6));
     if (!exposure) return tl::make_unexpected(stop_of(exposure.error()));
   }
   return {};
@@ -155,7 +183,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
   if (auto on = feed.laser_on(); !on) return tl::make_unexpected(on.error());
   const CameraMode mode = equipment.camera.mode();
   std::vector<LineRow> rows(static_cast<std::size_t>(mode.height_px));
-  Brightness last;
+  LineBrightness last;
   FrameInfo seen;
   int steady = 0;
   while (steady < kSteadyFrames) {
@@ -163,12 +191,13 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     if (!frame) return tl::make_unexpected(frame.error());
     seen = frame->info;
     extractor.extract(mode, frame->bytes(), preparation.background, rows);
-    const Brightness now = brightness_of(rows);
+    const LineBrightness now = brightness_of(rows);
     const bool unchanged = now.lines > 0 && std::abs(now.amplitude - last.amplitude) <= kSteady * now.amplitude;
     steady = unchanged ? steady + 1 : 0;
     last = now;
     const std::int64_t waited_ns = equipment.clock.now_ns() - feed.shining_since_ns();
     if (now.lines == 0 && waited_ns > kLineLimit_ns) {
+      if (const auto shines = light_in_background(mode, preparation.background)) return device_failed(*shines);
       return device_failed(
           "No laser line is seen in " + seconds(waited_ns) +
           ": check that the laser shines on the object, that nothing covers the camera, and the exposure (" +
@@ -216,7 +245,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
   preparation.background = dark.mean();
   std::vector<LineRow> rows(static_cast<std::size_t>(camera.mode().height_px));
   extractor.extract(camera.mode(), look.bytes(), preparation.background, rows);
-  const Brightness brightness = brightness_of(rows);
+  const LineBrightness brightness = brightness_of(rows);
   if (brightness.lines == 0) {
     return device_failed("No laser line is seen in frame " + std::to_string(look.info.sequence) +
                          " of the recording; record again with the laser on the object.");

@@ -13,17 +13,25 @@
 
 namespace celadon {
 
+struct LineBrightness {
+  int lines = 0, saturated = 0;  ///< rows
+  double amplitude = 0;          ///< mean over the rows with a line, grey levels
+};
+LineBrightness brightness_of(const std::vector<LineRow>& rows);
+
 /// What was learned before the scan.
 struct ScanPreparation {
   std::vector<std::uint8_t> background;  ///< mean of frames with the laser off, same mode and stride
   double z_low_mm = 0, z_high_mm = 0;    ///< of the line on the object as it stands
   std::size_t samples = 0;               ///< of one profile
+  LineBrightness line;                   ///< of the line on the object as it stands
   std::int64_t warm_up_ns = 0;           ///< from the grant until the line kept its brightness
   std::vector<std::string> warnings;
 };
 
-/// Of a machine: checks interlock and faults, lasers off, homes if needed, sets the exposure.
-tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanRequest& request,
+/// Of a machine: checks interlock and faults, lasers off, warns for two seconds if the start comes from afar (the lamp
+/// is the observer's), homes if needed, sets the exposure.
+tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanTask& task,
                                                ScanObserver& observer);
 /// Background with the laser off, then the laser on until its line is steady. Leaves the laser on.
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,

@@ -61,6 +61,8 @@ class ScanQueue final : public ScanService {
   void connect() CELADON_EXCLUDES(mutex_);
   void watch_machine() CELADON_EXCLUDES(mutex_);
   void run(std::uint64_t id) CELADON_EXCLUDES(mutex_);
+  bool connect_again();
+  ScanEquipment equipment_of(ScannerConnection& connection) const;
   void lose_connection(const std::string& reason) CELADON_EXCLUDES(mutex_);
   void show_lamp(LampPattern pattern);
 
@@ -70,6 +72,7 @@ class ScanQueue final : public ScanService {
   void tell(std::uint64_t id) CELADON_EXCLUDES(listeners_mutex_, mutex_);
   void save(const ScanRecord& record) CELADON_REQUIRES(mutex_);
   bool stopping() const CELADON_EXCLUDES(mutex_);
+  bool nothing_waits() const CELADON_EXCLUDES(mutex_);
   void sleep(std::chrono::nanoseconds time) CELADON_EXCLUDES(mutex_);
   void rest() CELADON_EXCLUDES(mutex_);
 

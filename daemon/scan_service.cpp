@@ -31,6 +31,13 @@ json request_json(const ScanRequest& request) {
   return j;
 }
 
+json link_json(const LinkState& link) {
+  return {{"requests", link.requests},           {"retries", link.retries},
+          {"time_outs", link.time_outs},         {"broken_replies", link.broken_replies},
+          {"exceptions", link.exceptions},       {"reconnects", link.reconnects},
+          {"round_trip_ms", link.round_trip_ms}, {"longest_round_trip_ms", link.longest_round_trip_ms}};
+}
+
 json progress_json(const ScanProgress& p) {
   return {{"angle_deg", p.angle_deg},
           {"fraction", p.fraction},
@@ -172,6 +179,9 @@ json to_json(const MachineState& machine) {
           {"interlock_closed", machine.interlock_closed},
           {"laser_on", machine.laser_on},
           {"fault", machine.fault},
+          {"remote_enabled", machine.remote_enabled},
+          {"found", machine.found},
+          {"link", link_json(machine.link)},
           {"state", to_string(machine.state)},
           {"current_scan", machine.current_scan}};
 }

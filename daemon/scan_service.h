@@ -55,6 +55,12 @@ struct ScanRecord {
   std::vector<std::string> files;  ///< names in `folder` once done
 };
 
+/// How well the link to the controller works, since it was connected.
+struct LinkState {
+  std::uint64_t requests = 0, retries = 0, time_outs = 0, broken_replies = 0, exceptions = 0, reconnects = 0;
+  double round_trip_ms = 0, longest_round_trip_ms = 0;
+};
+
 struct MachineState {
   bool connected = false;
   std::string machine, device_url, camera_url, error;
@@ -63,6 +69,9 @@ struct MachineState {
   double angle_deg = 0;
   bool interlock_closed = false, laser_on = false;
   std::string fault;
+  bool remote_enabled = true;         ///< the machine's switch, if it has one, allows a start from afar
+  std::string found;                  ///< what was found and left when it was connected
+  LinkState link;                     ///< to the controller
   ScanState state = ScanState::idle;  ///< of the scan that owns the device
   std::uint64_t current_scan = 0;     ///< 0: none
 };

@@ -8,6 +8,8 @@ namespace reg = protocol::reg;
 namespace {
 
 constexpr std::uint64_t kNever = ~std::uint64_t{0};
+// Callers in several interrupts may bring slightly older times; a clock that goes back further is broken.
+constexpr std::uint64_t kClockTolerance_us = 10'000;
 
 constexpr std::uint16_t bit(int index) {
   return static_cast<std::uint16_t>(1u << index);
@@ -60,6 +62,7 @@ std::uint64_t ControllerCore::next_deadline_us() const {
     if (!(enabled_ & bit(i)) && dark_deadline_us_[i] > now_us_) consider(dark_deadline_us_[i]);
   }
   if (host_alive_) consider(heartbeat_deadline_us_);
+  if (session_ != 0) consider(session_deadline_us_);
   if (raw_button_ != button_) consider(button_change_us_ + config_.debounce_ms * std::uint64_t{1000});
   return next;
 }
@@ -73,9 +76,12 @@ std::uint16_t ControllerCore::lease_left_ms(int laser) const {
 }
 
 void ControllerCore::sense(std::uint64_t now_us) {
+  const bool went_back = now_us + kClockTolerance_us < now_us_;
   if (now_us > now_us_) now_us_ = now_us;
   inputs_ = plant_.inputs(now_us_);
   for (int i = 0; i < config_.axes; ++i) axes_[i].sample = plant_.axis(i, now_us_);
+  // With a clock that stands still until it has caught up, no lease would end.
+  if (went_back && inputs_.fault == FaultCode::none) inputs_.fault = FaultCode::controller_fault;
   guard();
   for (int i = 0; i < config_.axes; ++i) advance_axis(i);
   debounce();
@@ -90,6 +96,7 @@ void ControllerCore::guard() {
       ++lease_expiries_;
     }
   }
+  if (session_ != 0 && now_us_ >= session_deadline_us_) session_ = 0;
   if (host_alive_ && now_us_ >= heartbeat_deadline_us_) {
     host_alive_ = false;
     if (enabled_ || any_motion()) halt_all(FaultCode::heartbeat_lost, 0);
@@ -267,12 +274,38 @@ void ControllerCore::make_safe() {
   }
 }
 
-Exception ControllerCore::grant(int first, int count, const std::uint16_t* lease_ms) {
+Exception ControllerCore::claim_session(std::uint16_t token) {
+  if (token == 0) return Exception::illegal_value;
+  if (session_ != 0 && session_ != token) return refuse(Refusal::session_held);
+  session_ = token;
+  session_deadline_us_ = now_us_ + config_.session_timeout_ms * std::uint64_t{1000};
+  return Exception::none;
+}
+
+Exception ControllerCore::end_session(std::uint16_t token) {
+  if (session_ != 0 && session_ != token) return refuse(Refusal::session_held);
+  session_ = 0;
+  return Exception::none;
+}
+
+// While a session is held, what starts something carries its token, and keeps it.
+bool ControllerCore::may_command(std::uint16_t token) {
+  if (session_ == 0) return true;
+  if (session_ != token) return false;
+  session_deadline_us_ = now_us_ + config_.session_timeout_ms * std::uint64_t{1000};
+  return true;
+}
+
+Exception ControllerCore::grant(int first, int count, const std::uint16_t* lease_ms, std::uint16_t token) {
+  const bool some_stay = first == 0 && token != 0;
+  const auto stays = [&](int i) { return some_stay && lease_ms[i] == protocol::kLeaseUnchanged; };
   bool any_on = false;
   for (int i = 0; i < count; ++i) {
+    if (stays(i)) continue;
     if (lease_ms[i] > config_.lease_max_ms) return Exception::illegal_value;
     any_on = any_on || lease_ms[i] != 0;
   }
+  if (any_on && !may_command(token)) return refuse(Refusal::session_held);
   if (any_on) {
     if (const Refusal reason = safety_refusal(); reason != Refusal::none) return refuse(reason);
     for (int i = 0; i < config_.axes; ++i) {
@@ -284,6 +317,7 @@ Exception ControllerCore::grant(int first, int count, const std::uint16_t* lease
   std::uint16_t off = 0, on = 0;
   for (int i = 0; i < count; ++i) {
     const std::uint16_t laser = bit(first + i);
+    if (stays(i)) continue;
     if (lease_ms[i] == 0) {
       off = static_cast<std::uint16_t>(off | laser);
     } else {
@@ -327,6 +361,7 @@ Exception ControllerCore::run_command(int index, const std::uint16_t* block) {
     if (in_motion(axis.state)) axis.stopping = true;
     return Exception::none;
   }
+  if (!may_command(block[reg::axis_command::session.offset])) return refuse(Refusal::session_held);
   if (const Refusal reason = safety_refusal(); reason != Refusal::none) return refuse(reason);
   if (axis.state == MotionState::fault) return refuse(Refusal::fault);
   if (in_motion(axis.state) || axis.sample.phase != AxisPhase::standing) return refuse(Refusal::moving);

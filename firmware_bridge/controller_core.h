@@ -28,6 +28,7 @@ struct PlantInputs {
   bool interlock_closed = false;
   bool emergency_stop = false;
   bool button = false;
+  bool remote_enabled = true;         ///< the switch at the machine that allows a start from afar, where there is one
   std::uint16_t lasers_measured = 0;  ///< bit per laser that emits, by photodiode or drive current
   FaultCode fault = FaultCode::none;  ///< of lasers or controller
   std::uint16_t fault_detail = 0;
@@ -69,6 +70,7 @@ struct ControllerConfig {
   std::uint16_t lease_max_ms = 500;
   std::uint16_t heartbeat_timeout_ms = 1000;
   std::uint16_t safety_hardware = protocol::kHasWatchdog | protocol::kHasInterlock | protocol::kHasEmergencyStop;
+  std::uint16_t session_timeout_ms = 3000;  ///< a host's session ends after so long without its token
   std::uint16_t debounce_ms = 20;
   std::uint16_t laser_off_limit_ms = 100;  ///< light this long after switching off is laser_stuck_on
   /// After power-up or reset a press on the machine is needed before anything moves or shines. False only where no
@@ -84,7 +86,7 @@ struct ControllerConfig {
 };
 
 /// One controller. All calls come from one thread or under one lock. Times are microseconds since its start, never
-/// before an earlier call's (an earlier time is taken as the latest one).
+/// before an earlier call's (an earlier time is taken as the latest one; one 10 ms before it is a controller_fault).
 class ControllerCore {
  public:
   /// @param boot_id differs from the last start's.
@@ -145,7 +147,10 @@ class ControllerCore {
   protocol::Exception refuse(Refusal reason);
   protocol::Exception write_control(std::uint16_t offset, std::uint16_t count, const std::uint16_t* words);
   protocol::Exception write_axis(int index, std::uint16_t offset, std::uint16_t count, const std::uint16_t* words);
-  protocol::Exception grant(int first, int count, const std::uint16_t* lease_ms);
+  protocol::Exception grant(int first, int count, const std::uint16_t* lease_ms, std::uint16_t token);
+  protocol::Exception claim_session(std::uint16_t token);
+  protocol::Exception end_session(std::uint16_t token);
+  bool may_command(std::uint16_t token);
   protocol::Exception clear_fault();
   protocol::Exception run_command(int index, const std::uint16_t* block);
   protocol::Exception start_move(int index, const std::uint16_t* block);
@@ -170,6 +175,9 @@ class ControllerCore {
   Refusal refusal_ = Refusal::none;
   bool locked_;
   bool in_emergency_ = false;
+
+  std::uint16_t session_ = 0;  ///< token of the host that holds the machine; 0: nobody does
+  std::uint64_t session_deadline_us_ = 0;
 
   std::uint64_t heartbeat_deadline_us_ = 0;
   bool host_alive_ = false;

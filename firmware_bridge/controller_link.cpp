@@ -12,8 +12,8 @@ using protocol::Register;
 namespace reg = protocol::reg;
 namespace groups = protocol::groups;
 
-constexpr int kAttempts = 3;
-constexpr std::int64_t kPause_ns = 20'000'000;  // before the second attempt; twice that before the third
+constexpr int kAttempts = 3, kAttemptsOfALostLink = 6;
+constexpr std::int64_t kPause_ns = 20'000'000;  // before the second attempt; each later one doubles it
 constexpr double kRad_per_udeg = std::numbers::pi / 180e6;
 
 double radians(std::int64_t udeg) {
@@ -51,6 +51,7 @@ StatusBlock decode_status(std::span<const std::uint16_t> words) {
   s.emergency_stop = flags & protocol::kEmergencyStop;
   s.button_down = flags & protocol::kButtonDown;
   s.local_action_needed = flags & protocol::kLocalActionNeeded;
+  s.remote_enabled = flags & protocol::kRemoteEnabled;
   s.boot_id = *at(reg::status::boot_id);
   s.uptime_us = protocol::get_u64(at(reg::status::uptime));
   s.fault_code = *at(reg::status::fault_code);
@@ -75,14 +76,27 @@ StatusBlock decode_status(std::span<const std::uint16_t> words) {
   return block;
 }
 
+void ControllerLink::count(const tl::expected<void, LinkError>& result) {
+  ++quality_.requests;
+  if (result) return;
+  const Kind kind = result.error().kind;
+  if (kind == Kind::timed_out) ++quality_.time_outs;
+  if (kind == Kind::broken_reply) ++quality_.broken_replies;
+  if (kind == Kind::refused) ++quality_.exceptions;
+}
+
 template <class Exchange>
 tl::expected<void, LinkError> ControllerLink::with_retries(Exchange exchange) {
   for (int attempt = 1;; ++attempt) {
     auto result = exchange();
-    if (result || !result.error().retry_may_help || attempt == kAttempts) return result;
-    clock_.sleep_until(clock_.now_ns() + attempt * kPause_ns);
+    count(result);
+    if (result || !result.error().retry_may_help) return result;
+    const bool lost = result.error().kind == Kind::lost || result.error().kind == Kind::not_found;
+    if (attempt >= (lost ? kAttemptsOfALostLink : kAttempts)) return result;
+    clock_.sleep_until(clock_.now_ns() + (kPause_ns << (attempt - 1)));
+    ++quality_.retries;
     // A reconnection that fails shows again in the next exchange, which is the one reported.
-    if (result.error().kind == Kind::lost) (void)transport_->reconnect();
+    if (lost && transport_->reconnect()) ++quality_.reconnects;
   }
 }
 
@@ -108,6 +122,8 @@ tl::expected<StatusBlock, LinkError> ControllerLink::read_status() {
     return tl::unexpected(foreign("the controller reports the motion state " +
                                   std::to_string(words[reg::axis_status::motion_state.address()]) +
                                   ", which protocol " + version_text(protocol::kMajor, protocol::kMinor) + " lacks"));
+  quality_.round_trip_ns = after_ns - before_ns;
+  quality_.longest_round_trip_ns = std::max(quality_.longest_round_trip_ns, quality_.round_trip_ns);
   StatusBlock block = decode_status(words);
   block.status.host_before_ns = before_ns;
   block.status.host_after_ns = after_ns;
@@ -153,6 +169,8 @@ tl::expected<DeviceCapabilities, LinkError> ControllerLink::read_capabilities() 
   c.lease_ms = *at(reg::capabilities::lease_max);
   c.heartbeat_timeout_ms = *at(reg::capabilities::heartbeat_timeout);
   c.host_watchdog = *at(reg::capabilities::safety_hardware) & protocol::kHasWatchdog;
+  c.remote_enable_switch = *at(reg::capabilities::safety_hardware) & protocol::kHasRemoteEnable;
+  c.session_timeout_ms = *at(reg::capabilities::session_timeout);
   c.endless_rotation = *at(reg::axis_capabilities::features) & protocol::kEndless;
   if (!c.endless_rotation)
     c.travel_rad = radians(std::int64_t{protocol::get_s32(at(reg::axis_capabilities::travel_max))} -
@@ -174,17 +192,38 @@ tl::expected<void, LinkError> ControllerLink::write(const Register& r, int index
   return with_retries([&] { return transport_->write_holding(address, values); });
 }
 
+tl::expected<void, LinkError> ControllerLink::write_lease(int laser, std::int64_t lease_ms) {
+  // With a token the write begins before the leases and leaves the lasers in between as they are.
+  std::array<std::uint16_t, 1 + protocol::kMaxLasers> words{};
+  words.fill(protocol::kLeaseUnchanged);
+  words[0] = token_;
+  const auto first = static_cast<std::size_t>(token_ != 0 ? 0 : 1 + laser);
+  const auto count = static_cast<std::size_t>(laser) + 2 - first;
+  const auto address = static_cast<std::uint16_t>(reg::control::lease_session.address() + static_cast<int>(first));
+  const std::int64_t start_ns = clock_.now_ns();
+  return with_retries([&]() -> tl::expected<void, LinkError> {
+    const std::int64_t left_ms = lease_ms - (clock_.now_ns() - start_ns) / 1'000'000;
+    if (left_ms < 1)
+      return tl::unexpected(LinkError{Kind::timed_out, 0, "no complete reply before the lease was over", false});
+    words[static_cast<std::size_t>(laser) + 1] = static_cast<std::uint16_t>(left_ms);
+    return transport_->write_holding(address, std::span(words).subspan(first, count));
+  });
+}
+
 tl::expected<void, LinkError> ControllerLink::write_axis_command(std::uint16_t command, std::uint16_t sequence,
                                                                  std::int64_t target_udeg,
                                                                  std::uint32_t speed_udeg_per_s) {
-  std::array<std::uint16_t, reg::axis_command::command.offset + 1> words{};
+  std::array<std::uint16_t, reg::axis_command::session.offset + 1> words{};
   const protocol::SplitAngle target = protocol::split_turns(target_udeg);
   protocol::put_s32(&words[reg::axis_command::goal_angle.offset], target.angle_udeg);
   protocol::put_s32(&words[reg::axis_command::goal_turns.offset], target.turns);
   protocol::put_u32(&words[reg::axis_command::goal_speed.offset], speed_udeg_per_s);
   words[reg::axis_command::sequence.offset] = sequence;
   words[reg::axis_command::command.offset] = command;
-  return with_retries([&] { return transport_->write_holding(groups::axis_command.base, words); });
+  words[reg::axis_command::session.offset] = token_;
+  const std::size_t count = token_ != 0 ? words.size() : words.size() - 1;  // unknown to a controller without sessions
+  return with_retries(
+      [&] { return transport_->write_holding(groups::axis_command.base, std::span(words).first(count)); });
 }
 
 }  // namespace celadon

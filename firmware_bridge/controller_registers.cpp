@@ -113,7 +113,12 @@ Exception ControllerCore::write_control(std::uint16_t offset, std::uint16_t coun
   const int first_lease = reg::control::laser_lease.offset;
   if (offset >= first_lease) {
     if (offset - first_lease + count > config_.lasers) return Exception::illegal_address;
-    return grant(offset - first_lease, count, words);
+    return grant(offset - first_lease, count, words, 0);
+  }
+  if (offset == reg::control::lease_session.offset) {
+    if (count < 2 || count - 1 > config_.lasers) return Exception::illegal_address;
+    if (words[0] == 0) return Exception::illegal_value;
+    return grant(0, count - 1, words + 1, words[0]);
   }
   if (count != 1) return Exception::illegal_address;
   if (offset == reg::control::lamp_pattern.offset) {
@@ -121,6 +126,8 @@ Exception ControllerCore::write_control(std::uint16_t offset, std::uint16_t coun
     host_lamp_ = static_cast<LampPattern>(words[0]);
     return Exception::none;
   }
+  if (offset == reg::control::session.offset) return claim_session(words[0]);
+  if (offset == reg::control::session_end.offset) return end_session(words[0]);
   if (words[0] != 1) return Exception::illegal_value;
   if (offset == reg::control::clear_fault.offset) return clear_fault();
   make_safe();
@@ -139,6 +146,7 @@ Exception ControllerCore::write_axis(int index, std::uint16_t offset, std::uint1
     if (result != Exception::none) return result;
     axis.last_sequence = sequence;
   }
+  block[reg::axis_command::session.offset] = 0;  // of one write, and nobody else's to read
   for (int i = 0; i < 16; ++i) axis.command[i] = block[i];
   return Exception::none;
 }
@@ -155,6 +163,8 @@ void ControllerCore::put_status(std::uint16_t* words) const {
   flag(button_, protocol::kButtonDown);
   flag(locked_, protocol::kLocalActionNeeded);
   flag(host_alive_, protocol::kHostAlive);
+  flag(session_ != 0, protocol::kSessionHeld);
+  flag(inputs_.remote_enabled, protocol::kRemoteEnabled);
   words[reg::status::heartbeat_left.offset] = heartbeat_left_ms();
   words[reg::status::boot_id.offset] = boot_id_;
   protocol::put_u64(words + reg::status::uptime.offset, now_us_);
@@ -206,6 +216,7 @@ void ControllerCore::put_capabilities(std::uint16_t* words) const {
   words[reg::capabilities::lease_max.offset] = config_.lease_max_ms;
   words[reg::capabilities::heartbeat_timeout.offset] = config_.heartbeat_timeout_ms;
   words[reg::capabilities::safety_hardware.offset] = config_.safety_hardware;
+  words[reg::capabilities::session_timeout.offset] = config_.session_timeout_ms;
 }
 
 void ControllerCore::put_axis_capabilities(int index, std::uint16_t* words) const {
@@ -221,6 +232,7 @@ void ControllerCore::put_axis_capabilities(int index, std::uint16_t* words) cons
 
 void ControllerCore::put_control(std::uint16_t* words) const {
   words[reg::control::lamp_pattern.offset] = static_cast<std::uint16_t>(host_lamp_);
+  words[reg::control::session.offset] = session_ != 0 ? 1 : 0;
   for (int i = 0; i < config_.lasers; ++i) words[reg::control::laser_lease.offset + i] = lease_left_ms(i);
 }
 

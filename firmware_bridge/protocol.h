@@ -49,7 +49,8 @@
   X(emergency_stop, 6, "the emergency stop is pressed")                             \
   X(local_action_needed, 7, "a press of the button on the machine is needed first") \
   X(beyond_travel, 8, "the target lies beyond the axis's travel")                   \
-  X(cause_persists, 9, "the cause of the fault is still there")
+  X(cause_persists, 9, "the cause of the fault is still there")                     \
+  X(session_held, 10, "another host holds the machine")
 
 // X(group, name, offset in the group, type, count, unit). 32- and 64-bit values: high word first. Text: two characters
 // a word, the first in the high byte, zero padded.
@@ -93,6 +94,7 @@
   X(capabilities, lease_max, 3, u16, 1, "ms")                   \
   X(capabilities, heartbeat_timeout, 4, u16, 1, "ms")           \
   X(capabilities, safety_hardware, 5, u16, 1, "bits")           \
+  X(capabilities, session_timeout, 6, u16, 1, "ms")             \
   X(axis_capabilities, kind, 0, u16, 1, "code")                 \
   X(axis_capabilities, features, 1, u16, 1, "bits")             \
   X(axis_capabilities, travel_min, 2, s32, 1, "udeg")           \
@@ -103,13 +105,17 @@
   X(control, make_safe, 0, u16, 1, "command")                   \
   X(control, clear_fault, 1, u16, 1, "command")                 \
   X(control, lamp_pattern, 2, u16, 1, "code")                   \
+  X(control, session, 3, u16, 1, "")                            \
+  X(control, session_end, 4, u16, 1, "")                        \
+  X(control, lease_session, 7, u16, 1, "")                      \
   X(control, laser_lease, 8, u16, 4, "ms")                      \
   X(axis_command, goal_angle, 0, s32, 1, "udeg")                \
   X(axis_command, goal_turns, 2, s32, 1, "turns")               \
   X(axis_command, goal_speed, 4, u32, 1, "udeg/s")              \
   X(axis_command, goal_acceleration, 6, u32, 1, "udeg/s2")      \
   X(axis_command, sequence, 8, u16, 1, "count")                 \
-  X(axis_command, command, 9, u16, 1, "command")
+  X(axis_command, command, 9, u16, 1, "command")                \
+  X(axis_command, session, 10, u16, 1, "")
 
 namespace celadon {
 
@@ -125,7 +131,7 @@ enum class Refusal : std::uint16_t { CELADON_REFUSALS(CELADON_ENUMERATOR) };
 
 namespace protocol {
 
-inline constexpr std::uint16_t kMajor = 1, kMinor = 0;
+inline constexpr std::uint16_t kMajor = 1, kMinor = 1;
 inline constexpr std::uint32_t kMagic = 0x43454C41;  ///< "CELA"
 inline constexpr int kMaxAxes = 3, kMaxLasers = 4;
 inline constexpr std::int64_t kTurn_udeg = 360'000'000;
@@ -155,14 +161,14 @@ constexpr Code find_code(const Code (&table)[N], std::uint16_t value) {
 
 // Bits of status.flags.
 inline constexpr std::uint16_t kInterlockClosed = 1, kEmergencyStop = 2, kButtonDown = 4, kLocalActionNeeded = 8,
-                               kHostAlive = 16;
+                               kHostAlive = 16, kSessionHeld = 32, kRemoteEnabled = 64;
 // Bits of axis_status.axis_flags.
 inline constexpr std::uint16_t kHomed = 1;
 // Bits of identity.machine_kind.
 inline constexpr std::uint16_t kSimulated = 1;
 // Bits of capabilities.safety_hardware.
 inline constexpr std::uint16_t kHasWatchdog = 1, kHasInterlock = 2, kHasEmergencyStop = 4, kHasKeySwitch = 8,
-                               kHasRemoteInterlock = 16, kHasEmissionIndicator = 32;
+                               kHasRemoteInterlock = 16, kHasEmissionIndicator = 32, kHasRemoteEnable = 64;
 // Bits of axis_capabilities.features.
 inline constexpr std::uint16_t kEndless = 1, kHasIndex = 2, kClosedLoop = 4;
 // Values of capabilities.laser_class.
@@ -171,6 +177,11 @@ inline constexpr std::uint16_t kClass1 = 1, kClass2 = 2, kClass3R = 3, kClass3B 
 inline constexpr std::uint16_t kTurntable = 1;
 // Values of axis_command.command.
 inline constexpr std::uint16_t kNoCommand = 0, kHome = 1, kMove = 2, kStop = 3;
+
+// In a write of lease_session and laser_lease: this laser stays as it is.
+inline constexpr std::uint16_t kLeaseUnchanged = 0xFFFF;
+// The first minor version that has sessions.
+inline constexpr std::uint16_t kSessionMinor = 1;
 
 /// Modbus exception codes the controller answers with; none means a normal reply.
 enum class Exception : std::uint8_t {

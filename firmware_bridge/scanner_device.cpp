@@ -7,9 +7,11 @@
 #include <initializer_list>
 #include <numbers>
 #include <optional>
+#include <random>
 #include <utility>
 
 #include "firmware_bridge/controller_link.h"
+#include "firmware_bridge/status_check.h"
 
 namespace celadon {
 namespace {
@@ -68,7 +70,12 @@ struct ScannerDevice::Impl {
   std::uint16_t presses = 0;   // seen, not yet taken
   bool restarted = false;      // the controller, and the owner has not been told
 
-  std::function<bool()> interrupted;  // the owner's wish to end a motion early
+  std::optional<std::string> jumped;  // clock or position, and the owner has not been told
+  bool position_is_lost = false;      // since such a jump
+
+  std::function<std::optional<std::string>()> interrupted;  // the owner's wish to end a motion early
+
+  std::int64_t session_due_ns = 0;  // when the token has to be written again
 
   std::int64_t now_ns() { return link.clock().now_ns(); }
 
@@ -95,7 +102,7 @@ struct ScannerDevice::Impl {
   // A failed exchange of `operation`; reads the controller's own reason where it refused.
   DeviceError failure(const std::string& operation, LinkError cause) {
     if (cause.kind == Kind::refused && cause.code == static_cast<int>(protocol::Exception::refused)) {
-      if (refresh()) return refusal(operation, last->refusal);
+      if (refresh() && last->refusal != Refusal::none) return refusal(operation, last->refusal);
     }
     if (cause.kind == Kind::lost || cause.kind == Kind::timed_out || cause.kind == Kind::broken_reply ||
         cause.kind == Kind::not_found)
@@ -119,6 +126,11 @@ struct ScannerDevice::Impl {
       case Refusal::fault:
       case Refusal::cause_persists:
         return fault_error(operation);
+      case Refusal::stopped:
+        return error(Kind::wrong_state, operation,
+                     cause + (last && !last->status.fault_text.empty() ? ", because " + last->status.fault_text : ""));
+      case Refusal::session_held:
+        return error(Kind::refused, operation, cause, "end the other program, or wait until it lets go of the machine");
       case Refusal::unhomed:
         return error(Kind::wrong_state, operation, cause, "home it first");
       default:
@@ -154,24 +166,62 @@ struct ScannerDevice::Impl {
     link_is_up = true;
     if (last) {
       restarted = restarted || block->status.boot_id != last->status.boot_id;
+      if (!restarted) compare_with_last(*block);
       const std::uint16_t seen = restarted ? std::uint16_t{0} : last->status.button_presses;
       const auto fresh = static_cast<std::uint16_t>(block->status.button_presses - seen);
       presses = static_cast<std::uint16_t>(std::min<int>(presses + fresh, 0xFFFF));
     }
     last = std::move(*block);
+    if (position_is_lost) last->status.homed = false;
     // Never backwards: a command given up on may still arrive, and must not carry the next one's number.
     const auto ahead = static_cast<std::int16_t>(last->command_sequence - sequence);
     if (ahead > 0 || restarted) sequence = last->command_sequence;
     return {};
   }
 
+  void compare_with_last(const StatusBlock& block) {
+    const bool commanded = block.command_sequence != last->command_sequence;
+    auto jump = contradiction(last->status, block.status, commanded, capabilities);
+    if (!jump) return;
+    position_is_lost = position_is_lost || jump->position;
+    jumped = std::move(jump->cause);
+  }
+
   tl::expected<void, DeviceError> poll(const std::string& operation) {
     if (auto done = refresh(); !done) return tl::unexpected(failure(operation, std::move(done.error())));
-    if (std::exchange(restarted, false))
+    if (std::exchange(restarted, false)) {
+      session_due_ns = 0;  // the controller has forgotten it
       return tl::unexpected(error(Kind::fault, operation,
                                   "the controller restarted (power-up or reset) and resumed nothing",
                                   "press the button on the machine if it asks for it, then home"));
+    }
+    if (jumped) {
+      const std::string cause = *std::exchange(jumped, std::nullopt);
+      return tl::unexpected(error(Kind::fault, operation, cause, "home again"));
+    }
+    if (link.token() != 0 && now_ns() >= session_due_ns) return hold_session(operation);
     return {};
+  }
+
+  // ---- session: one host commands ----
+
+  tl::expected<void, DeviceError> hold_session(const std::string& operation) {
+    auto written = write(reg::control::session, link.token());
+    if (!written) return tl::unexpected(failure(operation, std::move(written.error())));
+    session_due_ns = now_ns() + capabilities.session_timeout_ms * kMillisecond_ns / 3;
+    return {};
+  }
+
+  // A host that was killed holds the machine until its session is over.
+  tl::expected<void, DeviceError> take_machine(const std::string& operation) {
+    if (identity.protocol_minor < protocol::kSessionMinor || capabilities.session_timeout_ms == 0) return {};
+    link.use_token(static_cast<std::uint16_t>(1 + std::random_device{}() % 0xFFFF));
+    const std::int64_t deadline_ns = now_ns() + 3 * capabilities.session_timeout_ms * kMillisecond_ns / 2;
+    for (;;) {
+      auto held = hold_session(operation);
+      if (held || now_ns() >= deadline_ns || held.error().kind != Kind::refused) return held;
+      link.clock().sleep_until(now_ns() + 5 * kPollPeriod_ns);
+    }
   }
 
   // Polls until `done` holds; the deadline is on the clock.
@@ -224,14 +274,14 @@ struct ScannerDevice::Impl {
 
   // Waits for the end of a motion; one that fails or is interrupted is stopped.
   tl::expected<void, DeviceError> finish_motion(const std::string& operation, std::int64_t limit_ns) {
-    bool cut = false;
+    std::optional<std::string> cut;
     auto ended = wait_until(operation, limit_ns, [&] {
-      cut = in_motion(last->status) && interrupted && interrupted();
+      if (in_motion(last->status) && interrupted) cut = interrupted();
       return cut || !in_motion(last->status);
     });
     if (ended && !cut) return require_standstill(operation);
     make_safe();
-    if (cut) return tl::unexpected(error(Kind::interrupted, operation, "interrupted"));
+    if (cut) return tl::unexpected(error(Kind::interrupted, operation, *cut));
     ended.error().left = state_left();
     return ended;
   }
@@ -297,6 +347,8 @@ struct ScannerDevice::Impl {
     report.text = std::string(was_busy ? "found it active" : "found it at rest") + " (" +
                   state_name(report.motion_was) + ", lasers " + (report.lasers_were_on ? "on" : "off") +
                   "); left it with " + state_left();
+    const bool glued = link_is_up && last->lasers_enabled == 0 && last->status.lasers_on != 0;
+    if (glued) report.text += "; a laser emits although it is switched off";
     if (link_is_up && !(report.lasers_off && report.motor_stopped))
       report.text += "; NOT SAFE: cut the power at the machine";
     return report;
@@ -307,6 +359,7 @@ ScannerDevice::ScannerDevice(std::unique_ptr<Impl> impl) : impl_(std::move(impl)
 
 ScannerDevice::~ScannerDevice() {
   make_safe();
+  if (impl_->link_is_up && impl_->link.token() != 0) (void)impl_->write(reg::control::session_end, impl_->link.token());
 }
 
 tl::expected<std::unique_ptr<ScannerDevice>, DeviceError> ScannerDevice::open(std::unique_ptr<Transport> transport,
@@ -339,8 +392,10 @@ tl::expected<std::unique_ptr<ScannerDevice>, DeviceError> ScannerDevice::open(st
   if (!impl->link_is_up || !impl->found.lasers_off || !impl->found.motor_stopped)
     return tl::unexpected(impl->error(Kind::fault, operation, "it could not be made safe: " + impl->found.text,
                                       "cut the power at the machine"));
+  if (auto taken = impl->take_machine(operation); !taken) return tl::unexpected(std::move(taken.error()));
   impl->presses = 0;
   impl->restarted = false;
+  impl->jumped.reset();
   return std::unique_ptr<ScannerDevice>(new ScannerDevice(std::move(impl)));
 }
 
@@ -352,6 +407,9 @@ const DeviceCapabilities& ScannerDevice::capabilities() const {
 }
 const SafeReport& ScannerDevice::found_at_open() const {
   return impl_->found;
+}
+const LinkQuality& ScannerDevice::link_quality() const {
+  return impl_->link.quality();
 }
 
 tl::expected<DeviceStatus, DeviceError> ScannerDevice::poll() {
@@ -375,7 +433,7 @@ std::size_t ScannerDevice::take_trace(std::span<TraceSample> samples) {
   return impl_->link.take_trace(samples);
 }
 
-void ScannerDevice::set_interrupt(std::function<bool()> interrupted) {
+void ScannerDevice::set_interrupt(std::function<std::optional<std::string>()> interrupted) {
   impl_->interrupted = std::move(interrupted);
 }
 
@@ -385,6 +443,7 @@ tl::expected<void, DeviceError> ScannerDevice::home() {
   if (auto ready = d.require(operation, {MotionState::unhomed, MotionState::standstill, MotionState::stopped}); !ready)
     return ready;
   if (auto sent = d.command(operation, protocol::kHome); !sent) return sent;
+  d.position_is_lost = false;
   return d.finish_motion(operation, kHomingLimit_ns);
 }
 
@@ -398,8 +457,10 @@ tl::expected<DeviceStatus, DeviceError> ScannerDevice::rotate_to(double angle_ra
   if (auto ended = d.finish_motion(operation, limit_ns); !ended) return tl::unexpected(std::move(ended.error()));
   const double off_rad = d.last->status.angle_rad - angle_rad;
   if (std::abs(off_rad) > std::max(kOnTarget_rad, 4 * d.capabilities.encoder_resolution_rad))
-    return tl::unexpected(d.error(Kind::fault, operation, "it stands " + degrees(off_rad) + " away from the target",
-                                  "check belt and motor current, or what else stopped it, then home again"));
+    return tl::unexpected(d.error(
+        Kind::fault, operation,
+        "it stands " + degrees(off_rad) + " away from the target: the motor lost steps or the encoder its count",
+        "check belt, motor current and encoder, or what else stopped it, then home again"));
   return d.last->status;
 }
 
@@ -447,7 +508,7 @@ tl::expected<void, DeviceError> ScannerDevice::renew_laser(int laser, std::int64
     if (const Refusal reason = d.laser_refusal(); reason != Refusal::none)
       return tl::unexpected(d.refusal(operation, reason));
   }
-  auto written = d.write(reg::control::laser_lease, static_cast<std::uint16_t>(lease_ms), laser);
+  auto written = d.link.write_lease(laser, lease_ms);
   if (!written) return tl::unexpected(d.failure(operation, std::move(written.error())));
   return {};
 }

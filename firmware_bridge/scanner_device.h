@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -33,6 +34,8 @@ struct DeviceCapabilities {
   std::int64_t lease_ms = 500;  ///< longest laser lease the controller grants
   bool host_watchdog = true;
   std::int64_t heartbeat_timeout_ms = 1000;  ///< silence after which the controller stops motor and lasers
+  std::int64_t session_timeout_ms = 0;       ///< 0: the controller has no sessions
+  bool remote_enable_switch = false;         ///< a switch at the machine allows or forbids a start from afar
 };
 
 /// Everything one poll (one block read) brings.
@@ -51,11 +54,19 @@ struct DeviceStatus {
   std::uint16_t fault_code = 0;
   std::string fault_text;  ///< meaning of fault_code, empty for none
   bool homed = false;
+  bool remote_enabled = false;          ///< by the switch at the machine, where there is one
   bool local_action_needed = false;     ///< commands are refused until the button on the machine is pressed
   LampPattern lamp = LampPattern::off;  ///< as shown
   std::uint16_t boot_id = 0;            ///< changes with every start of the controller
   std::uint64_t uptime_us = 0;          ///< controller's clock when it replied
   std::int64_t host_before_ns = 0, host_after_ns = 0;  ///< around the exchange
+};
+
+/// How well the link to the controller works, since it was opened.
+struct LinkQuality {
+  std::uint64_t requests = 0;  ///< sent, repeats too
+  std::uint64_t retries = 0, time_outs = 0, broken_replies = 0, exceptions = 0, reconnects = 0;
+  std::int64_t round_trip_ns = 0, longest_round_trip_ns = 0;  ///< of polls
 };
 
 /// What make_safe found and left.
@@ -68,7 +79,8 @@ struct SafeReport {
 
 class ScannerDevice {
  public:
-  /// Connects, checks identity and protocol version, makes safe first.
+  /// Connects, checks identity and protocol version, makes safe first, then takes the machine for this host (section 9
+  /// of PROTOCOL.md) and keeps it by polling; refused while another host holds it.
   static tl::expected<std::unique_ptr<ScannerDevice>, DeviceError> open(std::unique_ptr<Transport> transport,
                                                                         Clock& clock);
   ~ScannerDevice();  ///< makes safe
@@ -76,9 +88,11 @@ class ScannerDevice {
   const DeviceIdentity& identity() const;
   const DeviceCapabilities& capabilities() const;
   const SafeReport& found_at_open() const;
+  const LinkQuality& link_quality() const;
 
   /// One block read; also the heartbeat. Retries are bounded; a lost link is reported as such, and so is, once, a
-  /// controller that restarted since the last poll (it is unhomed then, and dark).
+  /// controller that restarted since the last poll (it is unhomed then, and dark), or whose clock or position jumped.
+  /// After a jump of the position `homed` is false until the next home().
   tl::expected<DeviceStatus, DeviceError> poll();
   /// Presses seen by polls since the last call: none is lost between polls or across reconnects. Presses from before
   /// open() do not count, those after a restart of the controller do.
@@ -91,9 +105,9 @@ class ScannerDevice {
   /// Position samples that the controller sent by itself since the last call, oldest first; none where it does not.
   std::size_t take_trace(std::span<TraceSample> samples);
 
-  /// Asked at every poll while home() and rotate_to() wait. Where it says true, they stop the motor, turn the lasers
-  /// off and return Kind::interrupted.
-  void set_interrupt(std::function<bool()> interrupted);
+  /// Asked at every poll while home() and rotate_to() wait. Where it gives a reason, they stop the motor, turn the
+  /// lasers off and return Kind::interrupted with it as the cause.
+  void set_interrupt(std::function<std::optional<std::string>()> interrupted);
 
   /// Finds the index; returns at standstill. Polls while waiting.
   tl::expected<void, DeviceError> home();
@@ -107,7 +121,8 @@ class ScannerDevice {
   tl::expected<void, DeviceError> stop();
 
   /// Grants or renews a lease on a laser for at most capabilities().lease_ms; call it only from the loop that accepts
-  /// frames. Refused with an open interlock, in a fault state or for class above what the controller declares safe.
+  /// frames. However often it has to be repeated on a bad link, the lease ends no later than lease_ms after the call.
+  /// Refused with an open interlock, in a fault state or for class above what the controller declares safe.
   tl::expected<void, DeviceError> renew_laser(int laser, std::int64_t lease_ms);
   tl::expected<void, DeviceError> laser_off();
   tl::expected<void, DeviceError> set_lamp(LampPattern pattern);

@@ -57,7 +57,7 @@ void CameraTimeline::advance(std::int64_t now_ns) {
     ticket.sequence = number - first_number_;
     ticket.first_row_end_ns = first_row_end_ns(number);
     ticket.exposure_ns = config_.exposure_ns;
-    ticket.stamp_ns = ticket.first_row_end_ns + config_.stamp_latency_ns;
+    ticket.stamp_ns = ticket.first_row_end_ns + config_.stamp_latency_ns + stamp_step_ns_;
     ticket.complete_ns = ticket.first_row_end_ns + config_.readout_ns;
     ticket.deliver_ns = ticket.complete_ns + config_.delay_ns + extra_delay_ns_;
     ticket.slot = static_cast<std::uint32_t>(slot - slots_.begin());

@@ -76,6 +76,8 @@ class CameraTimeline {
   /// Faults: the next frames are lost; each frame arrives that much later.
   void lose_next(int frames) { lose_ = frames; }
   void set_extra_delay(std::int64_t delay_ns) { extra_delay_ns_ = delay_ns; }
+  /// The clock that stamps is off by this much.
+  void set_stamp_step(std::int64_t step_ns) { stamp_step_ns_ = step_ns; }
 
  private:
   enum class Slot : std::uint8_t { free, filling, taken };
@@ -92,7 +94,7 @@ class CameraTimeline {
   std::vector<Slot> slots_;
   std::deque<FrameTicket> under_way_;
   int lose_ = 0;
-  std::int64_t extra_delay_ns_ = 0;
+  std::int64_t extra_delay_ns_ = 0, stamp_step_ns_ = 0;
 };
 
 }  // namespace celadon::sim

@@ -101,7 +101,11 @@ json state(const Device& d, const Words&) {
           {"fault", name_of(protocol::kFaultCodes, static_cast<std::uint16_t>(s.fault))},
           {"interlock_closed", s.interlock_closed},
           {"local_action_needed", s.local_action_needed},
-          {"time_ns", s.time_ns}};
+          {"time_ns", s.time_ns},
+          {"dark_since_ns", s.dark_since_ns},
+          {"fault_since_ns", s.fault_since_ns},
+          {"struck_ns", s.struck_ns},
+          {"faults", s.faults}};
 }
 
 json truth(const Device& d, const Words& words) {
@@ -138,7 +142,8 @@ json fault(const Device& d, const Words& words) {
     }
     return {{"faults", list}};
   }
-  const auto order = make_fault(words[1], std::span(words).subspan(2));
+  const FaultOrigin origin{d.model.now_ns(), d.model.config().seed, 0};
+  const auto order = parse_fault_words(std::span(words).subspan(1), origin);
   if (!order) return refused(order.error());
   d.model.inject(*order);
   return {{"armed", words[1]}};

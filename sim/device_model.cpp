@@ -58,7 +58,7 @@ DeviceModel::DeviceModel(const DeviceConfig& config)
         t.start_angle_rad = 2 * std::numbers::pi * random_uniform(make_key(config.seed, kStartAnglePurpose, 0), 0);
         return t;
       }()),
-      laser_(config.laser),
+      laser_(config.laser, config.seed),
       camera_(config.camera, config.start_ns),
       now_ns_(config.start_ns),
       boot_ns_(config.start_ns),
@@ -77,6 +77,7 @@ void DeviceModel::boot() {
   c.serial = config_.serial.c_str();
   c.simulated = true;
   c.locked_at_start = config_.locked_at_start;
+  c.safety_hardware |= protocol::kHasRemoteEnable;
   c.axis[0].encoder_resolution_ndeg =
       static_cast<std::uint32_t>(std::llround(table_.encoder_quantum_rad() / kDegree * 1e9));
   c.axis[0].max_speed_udeg_per_s = static_cast<std::uint32_t>(to_udeg(config_.turntable.max_speed_rad_per_s));
@@ -88,16 +89,29 @@ void DeviceModel::boot() {
 void DeviceModel::tick() {
   history_.push_back({table_.table_angle_rad(now_ns_), table_.table_speed_rad_per_s(now_ns_), laser_.power(now_ns_)});
   if (history_.size() > kHistory) history_.pop_front();
-  while (!presses_.empty() && presses_.front().to_ns <= now_ns_) presses_.pop_front();
+  while (!presses_.empty() && presses_.front().to_ns + bounce_ns() <= now_ns_) presses_.pop_front();
   next_tick_ns_ += kTick_ns;
-  if (core_) core_->step(controller_us());
+  if (!core_) return;
+  if (table_.index_found(now_ns_)) strike(faults_.due_at_angle(table_.encoder_rad(now_ns_) / kDegree));
+  core_->step(controller_us());
+  if (laser_.emits(now_ns_)) {
+    dark_since_ns_ = 0;
+  } else if (dark_since_ns_ == 0) {
+    dark_since_ns_ = now_ns_;
+  }
+  if (core_->fault() == FaultCode::none) {
+    fault_since_ns_ = 0;
+  } else if (fault_since_ns_ == 0) {
+    fault_since_ns_ = now_ns_;
+  }
   if (sampled_) sampled_();
 }
 
 void DeviceModel::advance_to(std::int64_t time_ns) {
   while (now_ns_ < time_ns) {
     now_ns_ = std::min({time_ns, next_tick_ns_, std::max(now_ns_ + 1, faults_.next_ns())});
-    for (const FaultOrder& order : faults_.due(now_ns_)) inject(order);
+    for (const std::string& name : faults_.over(now_ns_)) clear_fault(name);
+    strike(faults_.due(now_ns_));
     if (now_ns_ >= next_tick_ns_) tick();
     camera_.advance(now_ns_);
     render_frames();
@@ -123,7 +137,9 @@ PlantInputs DeviceModel::inputs(std::uint64_t /*now_us*/) {
   in.interlock_closed = !faults_.armed("interlock-open");
   in.emergency_stop = faults_.armed("emergency-stop");
   in.button = button_down();
-  in.lasers_measured = laser_.emits(now_ns_) ? 1 : 0;
+  in.remote_enabled = !faults_.armed("remote-off");
+  const bool unseen = faults_.armed("laser-hidden") && !laser_.enabled();
+  in.lasers_measured = laser_.emits(now_ns_) && !unseen ? 1 : 0;
   return in;
 }
 
@@ -131,7 +147,7 @@ PlantInputs DeviceModel::inputs(std::uint64_t /*now_us*/) {
 AxisSample DeviceModel::axis(int /*axis*/, std::uint64_t now_us) {
   const std::uint64_t at_us = now_us / 1000 * 1000;
   if (samples_taken_ == 0 || at_us != sample_.time_us || sample_.counter == 0) {
-    const std::int64_t at_ns = boot_ns_ + static_cast<std::int64_t>(at_us) * 1000;
+    const std::int64_t at_ns = std::min(boot_ns_ + static_cast<std::int64_t>(at_us) * 1000, now_ns_);
     sample_.time_us = at_us;
     sample_.counter = ++samples_taken_;
     sample_.position_udeg = to_udeg(table_.encoder_rad(at_ns));
@@ -172,71 +188,6 @@ void DeviceModel::set_lasers(std::uint16_t mask, std::uint64_t /*now_us*/) {
 }
 void DeviceModel::set_lamp(LampPattern /*pattern*/, std::uint64_t /*now_us*/) {}  // the core knows what it shows
 
-bool DeviceModel::button_down() const {
-  if (faults_.armed("button-stuck")) return true;
-  return std::any_of(presses_.begin(), presses_.end(),
-                     [&](const Press& p) { return now_ns_ >= p.from_ns && now_ns_ < p.to_ns; });
-}
-
-std::uint32_t DeviceModel::press(std::int64_t held_ns) {
-  constexpr std::int64_t kPause_ns = 100'000'000;
-  const std::int64_t from = presses_.empty() ? now_ns_ : std::max(now_ns_, presses_.back().to_ns + kPause_ns);
-  presses_.push_back({from, from + held_ns});
-  return ++press_count_;
-}
-
-void DeviceModel::inject(const FaultOrder& order) {
-  if (order.at_ns > now_ns_) {
-    faults_.schedule(order);
-    return;
-  }
-  const std::string name = order.kind->name;
-  // Events happen once and leave nothing armed.
-  if (name == "drop-frame") return camera_.lose_next(static_cast<int>(order.value));
-  if (name == "encoder-slip") return table_.slip_encoder(order.value * kDegree);
-  if (name == "modbus-disconnect") {
-    disconnect_ = true;
-    return;
-  }
-  if (name == "controller-reset") {
-    laser_.enable(false, now_ns_);
-    table_.stop(now_ns_);
-    return boot();
-  }
-  if (name == "object-slip") {
-    ObjectPose pose = scene_.pose();
-    const double c = std::cos(order.value * kDegree), s = std::sin(order.value * kDegree);
-    pose = {c * pose.x_mm - s * pose.y_mm, s * pose.x_mm + c * pose.y_mm, pose.turn_rad + order.value * kDegree};
-    return scene_.set_pose(pose);
-  }
-  if (name == "camera-nudge") {
-    camera_turn_rad_ += order.value * kDegree;
-    return;
-  }
-  faults_.arm(order);
-  if (name == "delay-frames") camera_.set_extra_delay(static_cast<std::int64_t>(order.value * 1e6));
-  if (name == "laser-stuck-on") laser_.set_stuck_on(true, now_ns_);
-  if (name == "laser-dead") laser_.set_dead(true);
-  if (name == "motor-stall") table_.block(true, now_ns_);
-  if (name == "steps-wrong") table_.set_gear_error(order.value);
-  if (name == "lights-on") ambient_ = order.value;
-  if (name == "camera-unplug") camera_.stop();
-}
-
-void DeviceModel::clear_fault(const std::string& name) {
-  faults_.clear(name);
-  if (name == "drop-frame") camera_.lose_next(0);
-  if (name == "delay-frames") camera_.set_extra_delay(0);
-  if (name == "laser-stuck-on") laser_.set_stuck_on(false, now_ns_);
-  if (name == "laser-dead") laser_.set_dead(false);
-  if (name == "motor-stall") {
-    table_.block(false, now_ns_);
-    table_.clear_stall();
-  }
-  if (name == "steps-wrong") table_.set_gear_error(1);
-  if (name == "lights-on") ambient_ = 1;
-}
-
 MotionRecord DeviceModel::record(std::int64_t from_ns, std::int64_t to_ns) const {
   const std::int64_t newest = next_tick_ns_ - kTick_ns;
   const std::int64_t oldest = newest - static_cast<std::int64_t>(history_.size() - 1) * kTick_ns;
@@ -255,6 +206,8 @@ MotionRecord DeviceModel::record(std::int64_t from_ns, std::int64_t to_ns) const
 void DeviceModel::render_frames() {
   // Of frames read out before the last tick, so that the motion over the whole exposure is on record.
   while (FrameTicket* ticket = camera_.take_to_render(next_tick_ns_ - kTick_ns)) {
+    strike(faults_.due_at_frame(ticket->sequence));
+    if (camera_unplugged()) return;  // with all its frames
     ticket->corrupt = faults_.strikes("corrupt-frame");
     if (faults_.strikes("short-frame")) ticket->bytes_used /= 2;
     RenderOrder order;
@@ -262,8 +215,14 @@ void DeviceModel::render_frames() {
     order.slot = ticket->slot;
     order.corrupt = ticket->corrupt;
     order.stale = faults_.strikes("stale-frame");
-    order.pose = scene_.pose();
-    order.camera_turn_rad = camera_turn_rad_;
+    if (faults_.strikes("duplicate-frame") && last_stamp_ns_ != INT64_MIN) {
+      order.stale = true;
+      ticket->stamp_ns = last_stamp_ns_;
+    }
+    last_stamp_ns_ = ticket->stamp_ns;
+    const std::int64_t middle_ns = ticket->first_row_end_ns - ticket->exposure_ns / 2;
+    order.pose = pose_at(middle_ns);
+    order.camera_turn_rad = camera_turn_at(middle_ns);
     Exposure& e = order.exposure;
     e.seed = config_.seed;
     e.frame = ticket->number;
@@ -298,6 +257,10 @@ DeviceState DeviceModel::state() {
   s.interlock_closed = !faults_.armed("interlock-open");
   s.local_action_needed = core_->local_action_needed();
   s.time_ns = now_ns_;
+  s.dark_since_ns = dark_since_ns_;
+  s.fault_since_ns = fault_since_ns_;
+  s.struck_ns = struck_ns_;
+  s.faults = faults_.names_armed();
   return s;
 }
 

@@ -7,6 +7,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <tl/expected.hpp>
 
@@ -48,6 +49,10 @@ struct DeviceState {
   FaultCode fault = FaultCode::none;
   bool interlock_closed = false, local_action_needed = false;
   std::int64_t time_ns = 0;
+  std::int64_t dark_since_ns = 0;   ///< no laser emits since then; 0 while one does
+  std::int64_t fault_since_ns = 0;  ///< the controller has a fault code since then; 0 without
+  std::int64_t struck_ns = 0;       ///< when the newest fault came; 0: none yet
+  std::vector<std::string> faults;  ///< that are armed
 };
 
 class DeviceModel final : private Plant {
@@ -117,8 +122,15 @@ class DeviceModel final : private Plant {
 
   void boot();
   void tick();
+  // device_faults.cpp
+  void strike(const std::vector<FaultOrder>& orders);
   bool button_down() const;
-  std::uint64_t controller_us() const { return static_cast<std::uint64_t>(now_ns_ - boot_ns_) / 1000; }
+  std::int64_t bounce_ns() const;
+  ObjectPose pose_at(std::int64_t time_ns) const;
+  double camera_turn_at(std::int64_t time_ns) const;
+  std::uint64_t controller_us() const {
+    return now_ns_ > boot_ns_ ? static_cast<std::uint64_t>(now_ns_ - boot_ns_) / 1000 : 0;
+  }
   void render_frames();
   MotionRecord record(std::int64_t from_ns, std::int64_t to_ns) const;
 
@@ -141,6 +153,7 @@ class DeviceModel final : private Plant {
   std::deque<MotionRecord::Sample> history_;  ///< one a millisecond, the last at next_tick_ns_ - 1 ms
   double ambient_ = 1;
   double camera_turn_rad_ = 0;
+  std::int64_t last_stamp_ns_ = INT64_MIN, dark_since_ns_ = 0, fault_since_ns_ = 0, struck_ns_ = 0;
   bool disconnect_ = false;
   std::function<bool(const RenderOrder&)> render_;
   std::function<void()> sampled_;

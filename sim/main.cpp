@@ -13,6 +13,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <optional>
+#include <sstream>
 
 #include "sim/picture_file.h"
 #include "sim/server.h"
@@ -40,6 +41,7 @@ struct Options {
   bool locked = false;
   std::string socket_dir;
   std::vector<std::string> faults;
+  std::string fault_plan;
 };
 
 void add_machine_options(CLI::App& app, Options& o) {
@@ -141,6 +143,14 @@ int serve(const Options& o) {
   options.faults = o.faults;
   for (const std::string& text : o.faults) {
     if (const auto order = parse_fault_option(text, 0); !order) return fail(kInput, order.error());
+  }
+  if (!o.fault_plan.empty()) {
+    std::ifstream in(o.fault_plan, std::ios::binary);
+    std::ostringstream text;
+    text << in.rdbuf();
+    if (!in) return fail(kInput, "reading the fault plan " + o.fault_plan + " failed: " + std::strerror(errno));
+    options.fault_plan = text.str();
+    if (const auto plan = parse_fault_plan(options.fault_plan, {}); !plan) return fail(kInput, plan.error());
   }
   auto server = Server::open(options);
   if (!server) return fail(kSystem, server.error());
@@ -297,6 +307,7 @@ int run(int argc, char** argv) {
   app.add_option("--fault", o.faults,
                  "NAME[,ARGUMENT][@SECONDS]: inject a fault, at once or at that time; may be repeated")
       ->allow_extra_args(false);
+  app.add_option("--fault-plan", o.fault_plan, "file of faults by time, angle and frame (CONTROL.md)");
   app.add_flag("--locked", o.locked, "after power-on the button must be pressed before anything moves or shines");
 
   double press_ms = 100;
@@ -304,7 +315,9 @@ int run(int argc, char** argv) {
   press->add_option("--hold", press_ms, "held for, ms")->capture_default_str();
   std::vector<std::string> fault_words;
   auto* fault = app.add_subcommand("fault", "inject a fault into the running scanner; \"list\" names them");
-  fault->add_option("fault", fault_words, "NAME [ARGUMENT]")->required()->expected(1, 2);
+  fault->add_option("fault", fault_words, "NAME [ARGUMENT] [at SECONDS | angle DEG | frame N] [for SECONDS]")
+      ->required()
+      ->expected(1, 6);
   std::string cleared;
   auto* clear = app.add_subcommand("clear", "take a fault back");
   clear->add_option("name", cleared, "its name")->required();
@@ -336,8 +349,11 @@ int run(int argc, char** argv) {
     return fail(kInput, std::string(e.what()) + "; see celadon-sim --help");
   }
   if (press->parsed()) return ask_and_print(o, "press " + std::to_string(std::llround(press_ms)));
-  if (fault->parsed())
-    return ask_and_print(o, "fault " + fault_words[0] + (fault_words.size() > 1 ? " " + fault_words[1] : ""));
+  if (fault->parsed()) {
+    std::string line = "fault";
+    for (const std::string& word : fault_words) line += " " + word;
+    return ask_and_print(o, line);
+  }
   if (clear->parsed()) return ask_and_print(o, "clear " + cleared);
   if (state->parsed()) return ask_and_print(o, "state");
   if (calibration->parsed()) return write_calibration(o, "-");

@@ -13,6 +13,7 @@
 #include <cstdlib>
 #include <cstring>
 
+#include "sim/random.h"
 #include "sim/system_text.h"
 #include "sim/tcp_listener.h"
 
@@ -24,7 +25,9 @@ constexpr std::uint8_t kRtuUnit = 1;
 constexpr std::int64_t kTcpTransfer_ns = 250'000;               // one way
 constexpr std::int64_t kRtuByte_ns = 11'000'000'000 / 115'200;  // start, 8 bits, parity, stop
 constexpr std::int64_t kRtuPause_ns = 4 * kRtuByte_ns;          // before an answer
-constexpr std::int64_t kRtuSilence_ns = 100'000'000;            // real time: what was begun is abandoned
+constexpr std::int64_t kPatience_ns = 500'000'000;              // of a client that waits in vain
+constexpr std::uint64_t kNoisePurpose = 14;
+constexpr std::int64_t kRtuSilence_ns = 100'000'000;  // real time: what was begun is abandoned
 
 std::int64_t transfer_ns(ModbusFraming framing, std::size_t bytes) {
   return framing == ModbusFraming::tcp ? kTcpTransfer_ns
@@ -69,6 +72,7 @@ tl::expected<std::string, std::string> ModbusServer::open_rtu(const std::filesys
     link_path_ = link;
     path = std::filesystem::absolute(link).string();
   }
+  serves_rtu_ = true;
   links_.push_back(std::make_unique<Link>(
       Link{std::move(master), ModbusFraming::rtu, ModbusReader(ModbusFraming::rtu), {}, 0, false}));
   return "modbus-rtu:" + path;
@@ -94,6 +98,7 @@ void ModbusServer::serve(const pollfd* polls, std::size_t count) {
   if (model_.take_disconnect()) {
     for (const auto& link : links_) link->closed = link->framing == ModbusFraming::tcp;
   }
+  follow_plug();
   std::size_t at = listener_ ? 1 : 0;
   const bool arrived = at == 1 && count > 0 && (polls[0].revents & POLLIN) != 0;
   for (std::size_t i = 0; i < links_.size() && at < count; ++i, ++at) {
@@ -104,9 +109,22 @@ void ModbusServer::serve(const pollfd* polls, std::size_t count) {
   if (arrived) accept_client();
 }
 
+// Unplugged, connections are closed and new ones are at once; the pseudo terminal is gone and comes back under its
+// link.
+void ModbusServer::follow_plug() {
+  const bool unplugged = model_.faults().armed("controller-unplug");
+  if (unplugged) {
+    for (const auto& link : links_) link->closed = true;
+    terminal_.reset();
+  } else if (unplugged_ && serves_rtu_) {
+    (void)open_rtu(link_path_);
+  }
+  unplugged_ = unplugged;
+}
+
 void ModbusServer::accept_client() {
   FileDescriptor fd(accept4(listener_.get(), nullptr, nullptr, SOCK_NONBLOCK | SOCK_CLOEXEC));
-  if (!fd || links_.size() >= kMaxMasters) return;  // closed at once: the client sees it
+  if (!fd || links_.size() >= kMaxMasters || unplugged_) return;  // closed at once: the client sees it
   const int on = 1;
   setsockopt(fd.get(), IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
   links_.push_back(
@@ -130,23 +148,42 @@ void ModbusServer::receive(Link& link) {
   if (link.reader.broken()) link.closed = true;
 }
 
+bool ModbusServer::noise_hits() {
+  const auto key = make_key(model_.config().seed, kNoisePurpose, 0);
+  return random_uniform(key, noisy_bytes_++) < model_.faults().value("serial-noise");
+}
+
+// In lock-step the client's wait costs device time too.
+void ModbusServer::give_no_answer() {
+  if (pacer_.holds()) pacer_.spend(kPatience_ns);
+}
+
 void ModbusServer::answer(Link& link, const ModbusRequest& request) {
   const bool broadcast = link.framing == ModbusFraming::rtu && request.unit == 0;
   if (link.framing == ModbusFraming::rtu && request.unit != kRtuUnit && !broadcast) return;
   pacer_.spend(transfer_ns(link.framing, request.pdu.size() + 3));
   FaultPlan& faults = model_.faults();
+  const bool noisy = link.framing == ModbusFraming::rtu && faults.armed("serial-noise");
+  bool arrives = !faults.strikes("heartbeat-lost");
+  for (std::size_t i = 0; noisy && i < request.pdu.size() + 3; ++i) arrives = !noise_hits() && arrives;
+  if (!arrives) return give_no_answer();
   const std::vector<std::uint8_t> pdu =
       faults.armed("modbus-exception")
           ? modbus_exception(request.pdu, static_cast<std::uint8_t>(faults.value("modbus-exception")))
           : answer_modbus(request.pdu, *this);
   std::vector<std::uint8_t> bytes = frame_modbus(link.framing, request, pdu);
   pacer_.spend(transfer_ns(link.framing, bytes.size()));
-  if (broadcast || faults.strikes("modbus-silent")) return;
+  if (broadcast) return;
+  if (faults.strikes("modbus-silent")) return give_no_answer();
+  for (std::size_t i = 0; noisy && i < bytes.size(); ++i) {
+    if (noise_hits()) bytes[i] ^= static_cast<std::uint8_t>(1 << (noisy_bytes_ % 8));
+  }
   if (faults.strikes("modbus-corrupt")) (link.framing == ModbusFraming::rtu ? bytes.back() : bytes[1]) ^= 0x55;
   std::int64_t due = model_.now_ns();
   if (faults.armed("modbus-late")) {
     const auto late = static_cast<std::int64_t>(faults.value("modbus-late") * 1e6);
     if (pacer_.holds()) {
+      if (late >= kPatience_ns) return give_no_answer();  // the client has given up by then
       pacer_.spend(late);
     } else {
       due += late;

@@ -47,9 +47,12 @@ class ModbusServer final : public Service, private Registers {
   protocol::Exception read_holding(std::uint16_t address, std::uint16_t count, std::uint16_t* words) override;
   protocol::Exception write_holding(std::uint16_t address, std::uint16_t count, const std::uint16_t* words) override;
 
+  void follow_plug();
   void accept_client();
   void receive(Link& link);
   void answer(Link& link, const ModbusRequest& request);
+  bool noise_hits();
+  void give_no_answer();
   void send_due(Link& link);
 
   DeviceModel& model_;
@@ -57,6 +60,8 @@ class ModbusServer final : public Service, private Registers {
   FileDescriptor listener_;
   FileDescriptor terminal_;  ///< the slave's end, kept open so that a client may come and go
   std::filesystem::path link_path_;
+  bool serves_rtu_ = false, unplugged_ = false;
+  std::uint32_t noisy_bytes_ = 0;  ///< drawn so far
   std::vector<std::unique_ptr<Link>> links_;
 };
 

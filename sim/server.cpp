@@ -33,6 +33,9 @@ tl::expected<std::unique_ptr<Server>, std::string> Server::open(const ServerOpti
     if (!order) return tl::unexpected(order.error());
     server->model_.inject(*order);
   }
+  const auto plan = parse_fault_plan(options.fault_plan, {server->model_.now_ns(), options.device.seed, 0});
+  if (!plan) return tl::unexpected(plan.error());
+  for (const FaultOrder& order : *plan) server->model_.inject(order);
   auto store = FrameStore::open(server->model_, options.lock_step);
   if (!store) return tl::unexpected(store.error());
   FrameStore& frame_store = **store;

@@ -23,6 +23,7 @@ struct ServerOptions {
   std::string usbip;                      ///< HOST:PORT; "attach": into this machine's kernel; empty: none
   std::filesystem::path socket_dir;       ///< made if it does not exist
   std::vector<std::string> faults;        ///< NAME[,ARGUMENT][@SECONDS]
+  std::string fault_plan;                 ///< text of a plan, CONTROL.md
 };
 
 class Server {

@@ -72,7 +72,7 @@ void Turntable::advance(std::int64_t now_ns) {
 }
 
 double Turntable::after_backlash(double motor_rad) const {
-  return motor_rad * gear_ + play_;
+  return motor_rad * gear_ + slip_ + play_;
 }
 
 double Turntable::table_angle_rad(std::int64_t now_ns) {
@@ -184,6 +184,17 @@ void Turntable::decelerate() {
   if (v == 0) return;
   append(std::abs(v) / a, v > 0 ? -a : a);
   segments_.back().speed = 0;
+}
+
+void Turntable::set_gear_error(double factor, std::int64_t now_ns) {
+  // The table stays where it is: only what it turns from now on is wrong.
+  slip_ += (gear_ - factor) * motor(now_ns).position;
+  gear_ = factor;
+}
+
+void Turntable::set_backlash(double play_rad) {
+  config_.backlash_rad = play_rad;
+  play_ = 0;
 }
 
 void Turntable::block(bool blocked, std::int64_t now_ns) {

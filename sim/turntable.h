@@ -55,8 +55,12 @@ class Turntable {
   /// Motion was demanded and did not come.
   bool stalled() const { return stalled_; }
   void clear_stall() { stalled_ = false; }
-  /// Steps per radian are wrong by this factor: the table turns that much further than the encoder says.
-  void set_gear_error(double factor) { gear_ = factor; }
+  /// Steps per radian are wrong by this factor: the table turns that much further than the encoder says, from here on.
+  void set_gear_error(double factor, std::int64_t now_ns);
+  /// The table slips on its drive; the encoder does not see it.
+  void slip_table(double by_rad) { slip_ += by_rad; }
+  /// Play between drive and table from now on.
+  void set_backlash(double play_rad);
 
  private:
   struct Segment {  ///< constant acceleration from an instant on
@@ -81,8 +85,8 @@ class Turntable {
   std::vector<std::pair<std::int64_t, double>> jolts_;  ///< instants and sizes of changes of acceleration
   double settled_jolts_ = 0;                            ///< sum of the jumps whose oscillation is over
   double play_ = 0;                                     ///< table minus motor, within +-backlash/2
-  double gear_ = 1;
-  double encoder_offset_ = 0;  ///< encoder position = motor position + offset
+  double gear_ = 1, slip_ = 0;                          ///< table = gear * motor + slip + play
+  double encoder_offset_ = 0;                           ///< encoder position = motor position + offset
   double pending_zero_ = 0;
   bool homing_ = false, homed_ = false, blocked_ = false, stalled_ = false;
 };

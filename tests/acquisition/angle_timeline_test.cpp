@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <functional>
 #include <random>
 #include <string>
@@ -167,6 +168,46 @@ TEST(AngleTimeline, slow_answers_do_not_pull_the_clock) {
   for (const double t_s : {5.0, 28.0, 59.0}) {
     EXPECT_NEAR(static_cast<double>(timeline.host_time_ns(static_cast<std::uint64_t>(t_s * 1e6))),
                 controller.host_ns(t_s), 300e3);
+  }
+}
+
+// The figure: 36 degrees/s, answers late by up to 1 ms, the virtual scanner's encoder.
+TEST(AngleTimeline, knows_the_angle_at_an_instant_in_spite_of_jitter_in_the_answers) {
+  constexpr double kDegree = std::numbers::pi / 180, kSpeed = 36 * kDegree, kCount = 0.0025 * kDegree;
+  for (const StampedBy stamped_by : {StampedBy::controller, StampedBy::host}) {
+    std::mt19937 random(17);
+    std::uniform_real_distribution<double> late_ms(0, 1);
+    AngleTimeline timeline(kCount, stamped_by);
+    double worst = 0, worst_ratio = 0, sum = 0;
+    int count = 0;
+    for (int k = 0; k < 1500; ++k) {
+      const std::int64_t before_ns = 5'000'000'000 + k * 20'000'000LL;
+      const std::int64_t taken_us = (before_ns / 1000 + 250) / 1000 * 1000;  // sampled once a millisecond
+      const double angle = kSpeed * static_cast<double>(taken_us) * 1e-6;
+      PositionSample sample;
+      sample.counter = static_cast<std::uint32_t>(k);
+      sample.device_time_us = static_cast<std::uint64_t>(taken_us - 4'000'000);
+      sample.device_reply_us = static_cast<std::uint64_t>(before_ns / 1000 + 250 - 4'000'000);
+      sample.angle_rad = std::round(angle / kCount) * kCount;
+      sample.host_before_ns = before_ns;
+      sample.host_after_ns = before_ns + 500'000 + std::llround(late_ms(random) * 1e6);
+      timeline.add(sample);
+      if (k < 100) continue;  // two seconds, before the table turns
+      for (const std::int64_t ago_ns : {21'000'000LL, 27'300'000LL, 33'100'000LL}) {
+        const auto at = timeline.at(before_ns - ago_ns);
+        ASSERT_TRUE(at);
+        const double error = std::abs(at->angle_rad - kSpeed * static_cast<double>(before_ns - ago_ns) * 1e-9);
+        worst = std::max(worst, error);
+        worst_ratio = std::max(worst_ratio, error / at->sigma_rad);
+        sum += error * error;
+        ++count;
+      }
+    }
+    std::printf("%s: %.4f deg rms, %.4f deg at most, at most %.1f times what is stated\n",
+                stamped_by == StampedBy::controller ? "controller's stamps" : "host's stamps",
+                std::sqrt(sum / count) / kDegree, worst / kDegree, worst_ratio);
+    EXPECT_LT(worst, (stamped_by == StampedBy::controller ? 0.005 : 0.05) * kDegree);
+    EXPECT_LT(worst_ratio, 3);
   }
 }
 

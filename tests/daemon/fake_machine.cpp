@@ -86,7 +86,7 @@ class FakeCamera final : public FrameSource, public FrameReturn {
     machine_.draw(*shot, pixels_.data());
     FrameInfo info;
     info.sequence = shot->sequence;
-    info.stamp_ns = shot->stamp_us * 1000 + FakeMachine::kHostOffset_ns;
+    info.stamp_ns = (shot->stamp_us + machine_.stamp_step_us) * 1000 + FakeMachine::kHostOffset_ns;
     info.exposure_ns = mode_.exposure_ns;
     info.lost_before = shot->lost_before;
     const int every = machine_.corrupt_every;
@@ -111,7 +111,14 @@ Measured exact(double value) {
 
 }  // namespace
 
-FakeMachine::FakeMachine() : core_(test::test_config(), plant_, 1, 0) {}
+FakeMachine::FakeMachine()
+    : core_(
+          [] {
+            ControllerConfig config = test::test_config();
+            config.safety_hardware |= protocol::kHasRemoteEnable;
+            return config;
+          }(),
+          plant_, 1, 0) {}
 
 double FakeMachine::vase(double theta_rad, double z_mm) {
   if (z_mm < 5 || z_mm > 100) return 0;
@@ -211,7 +218,7 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     const double turned_deg = static_cast<double>(plant_.axis(0, now_us_).position_udeg) * 1e-6;
     // A slip: the object lags behind the encoder, more with every turn.
     shot.angle_rad = turned_deg * (1 - slip_per_turn_deg / 360) * std::numbers::pi / 180;
-    shot.lit = plant_.lasers != 0;
+    shot.lit = plant_.lasers != 0 || laser_hidden;
     shot.lost_before = std::exchange(dropped_, 0);
     shots_.push_back(shot);
   }

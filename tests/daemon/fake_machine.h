@@ -42,6 +42,8 @@ class FakeMachine {
   std::atomic<bool> changed = false;        ///< and the host has not looked yet
   std::atomic<int> corrupt_every = 0;       ///< frames
   std::atomic<double> slip_per_turn_deg = 0;
+  std::atomic<std::int64_t> stamp_step_us = 0;
+  std::atomic<bool> laser_hidden = false;  ///< shines always, and the controller does not see it
 
   Calibration calibration() const;
   /// What a daemon connects to; the machine must outlive it.

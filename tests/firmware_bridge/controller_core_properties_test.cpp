@@ -26,10 +26,13 @@ class Witness {
 
   // How often the checks saw each state: a property that never gets there proves nothing.
   static inline std::array<long, 7> seen_states{};
-  static inline long seen_light = 0, seen_light_in_motion = 0;
+  static inline long seen_light = 0, seen_light_in_motion = 0, seen_session_starts = 0;
 
   void random_event() {
-    switch (*rc::gen::inRange(0, 17)) {
+    switch (*rc::gen::inRange(0, 18)) {
+      case 17:
+        session();
+        break;
       case 0:
         plant_.interlock_closed = *rc::gen::weightedElement<bool>({{3, true}, {1, false}});
         break;
@@ -94,13 +97,15 @@ class Witness {
     }
     advance(2'100'000);
     write(reg::control::clear_fault.address(), {1});
-    std::vector<std::uint16_t> home(10);
+    std::vector<std::uint16_t> home(11);
     home[9] = protocol::kHome;
+    home[10] = session_;
     write(protocol::groups::axis_command.base, home);
     advance_polling(10);
   }
   void move_somewhere() {
-    std::vector<std::uint16_t> words(10);
+    std::vector<std::uint16_t> words(11);
+    words[10] = *rc::gen::weightedElement<std::uint16_t>({{3, session_}, {1, 9}});
     protocol::put_s32(&words[0], *rc::gen::inRange(-60, 60) * 1'000'000);
     protocol::put_s32(&words[2], *rc::gen::weightedElement<std::int32_t>({{3, 0}, {1, -3}, {1, 3}}));
     protocol::put_u32(&words[4], *rc::gen::element<std::uint32_t>(20'000'000, 180'000'000));
@@ -119,6 +124,7 @@ class Witness {
   void restart() {
     core_ = std::make_unique<ControllerCore>(config_, plant_, ++boots_, now_us_);
     for (std::uint64_t& until : lit_until_us_) until = 0;
+    session_ = 0;
     needs_press_ = config_.locked_at_start;
     released_before_ = core_->button_presses();
     quiet_from_us_ = now_us_ + 2'000'000;  // from the highest speed at the test plant's deceleration
@@ -128,15 +134,26 @@ class Witness {
   void grant() {
     const int laser = *rc::gen::inRange(0, 3);
     const std::uint16_t lease = *rc::gen::element<std::uint16_t>(0, 1, 20, 499, 500, 501, 65535);
+    if (*rc::gen::arbitrary<bool>()) {
+      std::vector<std::uint16_t> words(static_cast<std::size_t>(laser) + 2, protocol::kLeaseUnchanged);
+      words.front() = any_token();
+      words.back() = lease;
+      return write(reg::control::lease_session.address(), words);
+    }
     write(static_cast<std::uint16_t>(reg::control::laser_lease.address() + laser), {lease});
   }
   void command() {
-    std::vector<std::uint16_t> words(10);
+    std::vector<std::uint16_t> words(11);
+    words[10] = any_token();
     protocol::put_s32(&words[0], *rc::gen::element<std::int32_t>(0, 1, -90'000'000, 359'999'999, 2'000'000'000));
     protocol::put_u32(&words[4], *rc::gen::element<std::uint32_t>(0, 1'000'000, 180'000'000, 180'000'001));
     words[8] = *rc::gen::inRange<std::uint16_t>(0, 4);
     words[9] = *rc::gen::inRange<std::uint16_t>(0, 5);
     write(protocol::groups::axis_command.base, words);
+  }
+  static std::uint16_t any_token() { return *rc::gen::element<std::uint16_t>(0, 7, 7, 9); }
+  void session() {
+    write(*rc::gen::element(reg::control::session.address(), reg::control::session_end.address()), {any_token()});
   }
   void control() { write(*rc::gen::inRange<std::uint16_t>(0, 3), {*rc::gen::inRange<std::uint16_t>(0, 3)}); }
   void write_random() {
@@ -163,10 +180,35 @@ class Witness {
     if (result != Exception::none) RC_ASSERT(!something_started);
     if (something_started) RC_ASSERT(!needs_press_ && plant_.interlock_closed && !plant_.emergency_stop);
     const int first = address - reg::control::laser_lease.address();
-    if (result == Exception::none && first >= 0 && address < protocol::groups::control.words) {
-      for (std::size_t i = 0; i < words.size(); ++i)
-        lit_until_us_[static_cast<std::size_t>(first) + i] = now_us_ + words[i] * 1000u;
+    if (result == Exception::none && first >= -1 && address < protocol::groups::control.words) {
+      for (std::size_t i = first < 0 ? 1 : 0; i < words.size(); ++i) {
+        if (first >= 0 || words[i] != protocol::kLeaseUnchanged)
+          lit_until_us_[static_cast<std::size_t>(first + static_cast<int>(i))] = now_us_ + words[i] * 1000u;
+      }
     }
+    note_session(address, words, result, something_started);
+  }
+
+  // Kept from the accepted requests alone: while a session is held, nothing starts without its token.
+  void note_session(std::uint16_t address, const std::vector<std::uint16_t>& words, Exception result, bool started) {
+    if (now_us_ >= session_until_us_) session_ = 0;
+    std::uint16_t token = 0;
+    if (address == reg::control::lease_session.address() && !words.empty()) token = words[0];
+    const std::size_t place = reg::axis_command::session.address() - std::size_t{address};
+    if (address >= protocol::groups::axis_command.base && place < words.size()) token = words[place];
+    if (started && session_ != 0) {
+      RC_ASSERT(token == session_);
+      ++seen_session_starts;
+    }
+    if (result != Exception::none) return;
+    if (address == reg::control::session.address()) {
+      RC_ASSERT(session_ == 0 || session_ == words[0]);
+      session_ = words[0];
+    }
+    if (address == reg::control::session_end.address()) session_ = 0;
+    // Any accepted command or grant may have kept it: later is safe for the check above only if it really was kept.
+    const bool keeps = address == reg::control::session.address() || (started && token == session_);
+    if (session_ != 0 && keeps) session_until_us_ = now_us_ + config_.session_timeout_ms * std::uint64_t{1000};
   }
 
   void advance(std::uint64_t us) {
@@ -221,6 +263,8 @@ class Witness {
   std::uint16_t boots_ = 1;
   std::uint64_t quiet_from_us_ = 0;
   std::uint64_t lit_until_us_[32] = {};
+  std::uint16_t session_ = 0;
+  std::uint64_t session_until_us_ = 0;
   bool needs_press_ = false;
   bool was_stopped_ = false;
   std::uint16_t boots_then_ = 1;
@@ -234,6 +278,7 @@ TEST(ControllerCoreProperty, NoLightWithoutLeaseAndNothingStartsByItself) {
   }));
   for (const long seen : Witness::seen_states) EXPECT_GT(seen, 0);
   EXPECT_GT(Witness::seen_light, 10);
+  EXPECT_GT(Witness::seen_session_starts, 0);
   EXPECT_GT(Witness::seen_light_in_motion, 0);
 }
 

@@ -427,16 +427,99 @@ TEST(Registers, UnmappedHalvedAndEmptyBlocksAreRefused) {
   EXPECT_EQ(b.core.read_holding(0, 0x0020, 16, words), Exception::none);
   EXPECT_EQ(b.core.read_holding(0, 0x0030, 1, words), Exception::illegal_address);
 
-  EXPECT_EQ(b.write(0x0003, {0}), Exception::illegal_address);     // reserved
+  EXPECT_EQ(b.write(0x0005, {0}), Exception::illegal_address);     // reserved
   EXPECT_EQ(b.write(0x0000, {1, 1}), Exception::illegal_address);  // two commands at once
   EXPECT_EQ(b.write(0x0000, {2}), Exception::illegal_value);
   EXPECT_EQ(b.write(0x0002, {7}), Exception::illegal_value);
   EXPECT_EQ(b.write(0x0021, {0}), Exception::illegal_address);  // the low half of an angle
   EXPECT_EQ(b.write(0x0020, {0}), Exception::illegal_address);
   EXPECT_EQ(b.write(0x0020, {0, 5}), Exception::none);
-  EXPECT_EQ(b.write(0x002A, {0}), Exception::illegal_address);
+  EXPECT_EQ(b.write(0x002B, {0}), Exception::illegal_address);
   EXPECT_EQ(b.write(0x0030, {0, 0}), Exception::illegal_address);
   EXPECT_EQ(b.write(0x0020, {}), Exception::illegal_value);
+}
+
+// ---- session ----
+
+struct SessionBench : CoreBench {
+  Exception claim(std::uint16_t token) { return write(reg::control::session.address(), {token}); }
+  Exception end(std::uint16_t token) { return write(reg::control::session_end.address(), {token}); }
+  Exception grant_as(std::uint16_t token, std::vector<std::uint16_t> leases) {
+    leases.insert(leases.begin(), token);
+    return write(reg::control::lease_session.address(), leases);
+  }
+  Exception command_as(std::uint16_t token, std::uint16_t code) {
+    std::vector<std::uint16_t> words(11);
+    protocol::put_u32(&words[4], 10'000'000);
+    words[0] = 100;
+    words[9] = code;
+    words[10] = token;
+    return write(protocol::groups::axis_command.base, words);
+  }
+};
+
+TEST(Session, WhatStartsSomethingCarriesTheTokenWhileOneIsHeld) {
+  SessionBench b;
+  EXPECT_EQ(b.claim(0), Exception::illegal_value);
+  EXPECT_EQ(b.claim(7), Exception::none);
+  EXPECT_EQ(b.claim(7), Exception::none);
+  EXPECT_EQ(b.claim(8), Exception::refused);
+  EXPECT_EQ(b.refusal(), Refusal::session_held);
+  EXPECT_EQ(b.home(), Exception::refused);
+  EXPECT_EQ(b.command_as(8, protocol::kHome), Exception::refused);
+  EXPECT_EQ(b.grant(0, 100), Exception::refused);
+  EXPECT_EQ(b.grant_as(8, {100}), Exception::refused);
+  EXPECT_EQ(b.plant.homes + b.plant.lasers, 0);
+
+  EXPECT_EQ(b.command_as(7, protocol::kHome), Exception::none);
+  EXPECT_EQ(b.grant_as(7, {protocol::kLeaseUnchanged, 100}), Exception::none);
+  EXPECT_EQ(b.plant.lasers, 2);
+  EXPECT_EQ(b.grant_as(7, {200}), Exception::none);
+  EXPECT_EQ(b.plant.lasers, 3);
+  EXPECT_EQ(b.grant_as(7, {protocol::kLeaseUnchanged, 0}), Exception::none);
+  EXPECT_EQ(b.plant.lasers, 1);
+
+  // What makes it safer stays everybody's.
+  EXPECT_EQ(b.grant(0, 0), Exception::none);
+  EXPECT_EQ(b.plant.lasers, 0);
+  EXPECT_EQ(b.command(protocol::kStop), Exception::none);
+  EXPECT_EQ(b.make_safe(), Exception::none);
+
+  EXPECT_EQ(b.end(8), Exception::refused);
+  EXPECT_EQ(b.end(7), Exception::none);
+  EXPECT_EQ(b.claim(8), Exception::none);
+}
+
+TEST(Session, EndsWithoutItsTokenAndWithTheController) {
+  SessionBench b;
+  ASSERT_EQ(b.claim(7), Exception::none);
+  b.advance_polling_ms(2'999);
+  EXPECT_EQ(b.claim(8), Exception::refused);
+  b.advance_polling_ms(2);  // polls keep nothing
+  EXPECT_EQ(b.claim(8), Exception::none);
+  b.advance_polling_ms(2'000);
+  ASSERT_EQ(b.grant_as(8, {100}), Exception::none);  // this does
+  b.advance_polling_ms(2'000);
+  EXPECT_EQ(b.claim(7), Exception::refused);
+  b.advance_polling_ms(2'000);
+  EXPECT_EQ(b.home(), Exception::none);  // nobody holds it: no token is asked for
+  SessionBench fresh;
+  EXPECT_EQ(fresh.claim(7), Exception::none);
+}
+
+TEST(Session, TheTokenIsNeverRead) {
+  SessionBench b;
+  ASSERT_EQ(b.claim(0x5A5A), Exception::none);
+  ASSERT_EQ(b.command_as(0x5A5A, protocol::kHome), Exception::none);
+  ASSERT_EQ(b.grant_as(0x5A5A, {100}), Exception::none);
+  std::uint16_t words[125] = {};
+  for (const std::uint16_t base : std::initializer_list<std::uint16_t>{0x0000, 0x0020}) {
+    ASSERT_EQ(b.core.read_holding(b.now_us, base, 16, words), Exception::none);
+    for (int i = 0; i < 16; ++i) EXPECT_NE(words[i], 0x5A5A) << base + i;
+  }
+  ASSERT_EQ(b.core.read_input(b.now_us, 0, 48, words), Exception::none);
+  for (int i = 0; i < 48; ++i) EXPECT_NE(words[i], 0x5A5A) << i;
+  EXPECT_TRUE(b.flags() & protocol::kSessionHeld);
 }
 
 TEST(Registers, AnyReadIsAPieceOfTheWholeBlock) {

@@ -161,7 +161,7 @@ TEST(ModbusRtu, LateReplyIsNotTakenForTheNextOnes) {
   }
   ASSERT_TRUE(version) << version.error().cause;
   EXPECT_EQ(words[0], 1);
-  EXPECT_EQ(words[1], 0);
+  EXPECT_EQ(words[1], protocol::kMinor);
 }
 
 TEST(ModbusRtu, DriverWithoutRs485IsAWarning) {

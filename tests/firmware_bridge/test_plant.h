@@ -53,8 +53,9 @@ class TestPlant final : public Plant {
   static constexpr std::uint64_t kSettling_us = 50'000;
 
   // What the tests set.
-  bool interlock_closed = true, emergency_stop = false, button = false;
+  bool interlock_closed = true, emergency_stop = false, button = false, remote_enabled = true;
   std::uint16_t stuck_lasers = 0;  // emit whatever is commanded
+  std::uint16_t dead_lasers = 0;   // emit nothing
   FaultCode input_fault = FaultCode::none, axis_fault = FaultCode::none;
   bool index_exists = true;
   double drag = 1;       // moves take so many times longer than asked for
@@ -64,6 +65,7 @@ class TestPlant final : public Plant {
   std::uint16_t lasers = 0;
   LampPattern lamp = LampPattern::off;
   std::vector<std::pair<std::uint64_t, std::uint16_t>> laser_log;
+  std::uint64_t first_start_us = 0;  // of a motion
   int homes = 0, moves = 0, stops = 0, releases = 0, starts_outside_write = 0;
   bool inside_write = false;
 
@@ -72,7 +74,8 @@ class TestPlant final : public Plant {
     in.interlock_closed = interlock_closed;
     in.emergency_stop = emergency_stop;
     in.button = button;
-    in.lasers_measured = static_cast<std::uint16_t>(lasers | stuck_lasers);
+    in.remote_enabled = remote_enabled;
+    in.lasers_measured = static_cast<std::uint16_t>((lasers | stuck_lasers) & ~dead_lasers);
     in.fault = input_fault;
     return in;
   }
@@ -97,6 +100,7 @@ class TestPlant final : public Plant {
   }
   void home(int, std::uint64_t now_us) override {
     note_start();
+    if (homes + moves == 0) first_start_us = now_us;
     ++homes;
     homing_ = true;
     index_found_ = false;
@@ -106,6 +110,7 @@ class TestPlant final : public Plant {
   void move(int, std::int64_t target_udeg, std::uint32_t speed, std::uint32_t acceleration,
             std::uint64_t now_us) override {
     note_start();
+    if (homes + moves == 0) first_start_us = now_us;
     ++moves;
     const double now = static_cast<double>(now_us);
     motion_ =

@@ -1,0 +1,123 @@
+// What the faults of fault_plan.cpp do to the machine. Everything that varies is a function of seed and device time.
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "sim/device_model.h"
+
+namespace celadon::sim {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180;
+constexpr std::uint64_t kBouncePurpose = 13;
+constexpr double kWobble_hz = 3, kVibration_hz = 31;
+constexpr double kFallen_mm = 1e3;
+
+double swing(double hertz, std::int64_t time_ns) {
+  return std::sin(2 * std::numbers::pi * hertz * static_cast<double>(time_ns) * 1e-9);
+}
+
+}  // namespace
+
+void DeviceModel::strike(const std::vector<FaultOrder>& orders) {
+  for (FaultOrder order : orders) {
+    order.when = FaultOrder::When::time;
+    order.at_ns = now_ns_;
+    inject(order);
+  }
+}
+
+std::int64_t DeviceModel::bounce_ns() const {
+  return faults_.armed("button-chatter") ? static_cast<std::int64_t>(faults_.value("button-chatter") * 1e6) : 0;
+}
+
+bool DeviceModel::button_down() const {
+  if (faults_.armed("button-stuck")) return true;
+  const std::int64_t bounce = bounce_ns();
+  return std::any_of(presses_.begin(), presses_.end(), [&](const Press& p) {
+    const bool bounces =
+        (now_ns_ >= p.from_ns && now_ns_ < p.from_ns + bounce) || (now_ns_ >= p.to_ns && now_ns_ < p.to_ns + bounce);
+    if (bounces) {
+      const auto millisecond = static_cast<std::uint32_t>(now_ns_ / 1'000'000);
+      return random_uniform(make_key(config_.seed, kBouncePurpose, 0), millisecond) < 0.5;
+    }
+    return now_ns_ >= p.from_ns && now_ns_ < p.to_ns;
+  });
+}
+
+std::uint32_t DeviceModel::press(std::int64_t held_ns) {
+  constexpr std::int64_t kPause_ns = 100'000'000;
+  const std::int64_t from = presses_.empty() ? now_ns_ : std::max(now_ns_, presses_.back().to_ns + kPause_ns);
+  presses_.push_back({from, from + held_ns});
+  return ++press_count_;
+}
+
+ObjectPose DeviceModel::pose_at(std::int64_t time_ns) const {
+  ObjectPose pose = scene_.pose();
+  if (faults_.armed("object-wobble")) pose.x_mm += faults_.value("object-wobble") * swing(kWobble_hz, time_ns);
+  if (faults_.armed("object-fall")) pose.x_mm += kFallen_mm;
+  return pose;
+}
+
+double DeviceModel::camera_turn_at(std::int64_t time_ns) const {
+  const double shake = faults_.armed("vibration") ? faults_.value("vibration") * swing(kVibration_hz, time_ns) : 0;
+  return camera_turn_rad_ + shake * kDegree;
+}
+
+void DeviceModel::inject(const FaultOrder& order) {
+  if (order.when != FaultOrder::When::time || order.at_ns > now_ns_) {
+    faults_.schedule(order);
+    return;
+  }
+  struck_ns_ = now_ns_;
+  const std::string name = order.kind->name;
+  const auto nanoseconds = static_cast<std::int64_t>(order.value * 1e6);  // of milliseconds
+  if (order.kind->lasts != FaultKind::Lasts::once) faults_.arm(order, now_ns_);
+  if (name == "drop-frame") camera_.lose_next(static_cast<int>(order.value));
+  if (name == "encoder-slip") table_.slip_encoder(order.value * kDegree);
+  if (name == "motor-slip") table_.slip_table(order.value * kDegree);
+  if (name == "modbus-disconnect") disconnect_ = true;
+  if (name == "clock-step") boot_ns_ -= nanoseconds;
+  if (name == "stamp-step") camera_.set_stamp_step(nanoseconds);
+  if (name == "controller-reset") {
+    laser_.enable(false, now_ns_);
+    table_.stop(now_ns_);
+    boot();
+  }
+  if (name == "object-slip") {
+    ObjectPose pose = scene_.pose();
+    const double c = std::cos(order.value * kDegree), s = std::sin(order.value * kDegree);
+    pose = {c * pose.x_mm - s * pose.y_mm, s * pose.x_mm + c * pose.y_mm, pose.turn_rad + order.value * kDegree};
+    scene_.set_pose(pose);
+  }
+  if (name == "camera-nudge") camera_turn_rad_ += order.value * kDegree;
+  if (name == "delay-frames") camera_.set_extra_delay(nanoseconds);
+  if (name == "laser-stuck-on" || name == "laser-hidden") laser_.set_stuck_on(true, now_ns_);
+  if (name == "laser-dead") laser_.set_dead(true);
+  if (name == "laser-flicker") laser_.set_flicker(order.value);
+  if (name == "motor-stall") table_.block(true, now_ns_);
+  if (name == "steps-wrong") table_.set_gear_error(order.value, now_ns_);
+  if (name == "backlash") table_.set_backlash(order.value * kDegree);
+  if (name == "lights-on") ambient_ = order.value;
+  if (name == "button-chatter") press(100'000'000);
+  if (name == "camera-unplug") camera_.stop();
+}
+
+void DeviceModel::clear_fault(const std::string& name) {
+  faults_.clear(name);
+  if (name == "drop-frame") camera_.lose_next(0);
+  if (name == "delay-frames") camera_.set_extra_delay(0);
+  if (name == "stamp-step") camera_.set_stamp_step(0);
+  if (name == "laser-stuck-on" || name == "laser-hidden") laser_.set_stuck_on(false, now_ns_);
+  if (name == "laser-dead") laser_.set_dead(false);
+  if (name == "laser-flicker") laser_.set_flicker(0);
+  if (name == "motor-stall") {
+    table_.block(false, now_ns_);
+    table_.clear_stall();
+  }
+  if (name == "steps-wrong") table_.set_gear_error(1, now_ns_);
+  if (name == "backlash") table_.set_backlash(config_.turntable.backlash_rad);
+  if (name == "lights-on") ambient_ = 1;
+}
+
+}  // namespace celadon::sim
