@@ -8,7 +8,7 @@
 namespace celadon::sim {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180;
+constexpr double kRad_per_deg = std::numbers::pi / 180;
 constexpr std::uint64_t kBouncePurpose = 13;
 constexpr double kWobble_hz = 3, kVibration_hz = 31;
 constexpr double kFallen_mm = 1e3;
@@ -61,7 +61,7 @@ ObjectPose DeviceModel::pose_at(std::int64_t time_ns) const {
 
 double DeviceModel::camera_turn_at(std::int64_t time_ns) const {
   const double shake = faults_.armed("vibration") ? faults_.value("vibration") * swing(kVibration_hz, time_ns) : 0;
-  return camera_turn_rad_ + shake * kDegree;
+  return camera_turn_rad_ + shake * kRad_per_deg;
 }
 
 void DeviceModel::inject(const FaultOrder& order) {
@@ -74,8 +74,8 @@ void DeviceModel::inject(const FaultOrder& order) {
   const auto nanoseconds = static_cast<std::int64_t>(order.value * 1e6);  // of milliseconds
   if (order.kind->lasts != FaultKind::Lasts::once) faults_.arm(order, now_ns_);
   if (name == "drop-frame") camera_.lose_next(static_cast<int>(order.value));
-  if (name == "encoder-slip") table_.slip_encoder(order.value * kDegree);
-  if (name == "motor-slip") table_.slip_table(order.value * kDegree);
+  if (name == "encoder-slip") table_.slip_encoder(order.value * kRad_per_deg);
+  if (name == "motor-slip") table_.slip_table(order.value * kRad_per_deg);
   if (name == "modbus-disconnect") disconnect_ = true;
   if (name == "clock-step") boot_ns_ -= nanoseconds;
   if (name == "stamp-step") camera_.set_stamp_step(nanoseconds);
@@ -86,18 +86,18 @@ void DeviceModel::inject(const FaultOrder& order) {
   }
   if (name == "object-slip") {
     ObjectPose pose = scene_.pose();
-    const double c = std::cos(order.value * kDegree), s = std::sin(order.value * kDegree);
-    pose = {c * pose.x_mm - s * pose.y_mm, s * pose.x_mm + c * pose.y_mm, pose.turn_rad + order.value * kDegree};
+    const double c = std::cos(order.value * kRad_per_deg), s = std::sin(order.value * kRad_per_deg);
+    pose = {c * pose.x_mm - s * pose.y_mm, s * pose.x_mm + c * pose.y_mm, pose.turn_rad + order.value * kRad_per_deg};
     scene_.set_pose(pose);
   }
-  if (name == "camera-nudge") camera_turn_rad_ += order.value * kDegree;
+  if (name == "camera-nudge") camera_turn_rad_ += order.value * kRad_per_deg;
   if (name == "delay-frames") camera_.set_extra_delay(nanoseconds);
   if (name == "laser-stuck-on" || name == "laser-hidden") laser_.set_stuck_on(true, now_ns_);
   if (name == "laser-dead") laser_.set_dead(true);
   if (name == "laser-flicker") laser_.set_flicker(order.value);
   if (name == "motor-stall") table_.block(true, now_ns_);
   if (name == "steps-wrong") table_.set_gear_error(order.value, now_ns_);
-  if (name == "backlash") table_.set_backlash(order.value * kDegree);
+  if (name == "backlash") table_.set_backlash(order.value * kRad_per_deg);
   if (name == "lights-on") ambient_ = order.value;
   if (name == "button-chatter") press(100'000'000);
   if (name == "camera-unplug") camera_.stop();
