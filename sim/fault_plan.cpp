@@ -104,7 +104,7 @@ std::vector<std::string> words_of(const std::string& line) {
   return words;
 }
 
-tl::unexpected<std::string> refused(const std::string& sentence) {
+tl::unexpected<std::string> no_fault(const std::string& sentence) {
   return tl::unexpected<std::string>(sentence);
 }
 
@@ -121,19 +121,19 @@ const FaultKind* find_fault(const std::string& name) {
 
 tl::expected<FaultOrder, std::string> make_fault(const std::string& name, std::span<const std::string> arguments) {
   const FaultKind* kind = find_fault(name);
-  if (kind == nullptr) return refused("no fault is named \"" + name + "\"; \"fault list\" names them");
+  if (kind == nullptr) return no_fault("no fault is named \"" + name + "\"; \"fault list\" names them");
   FaultOrder order;
   order.kind = kind;
   order.value = kind->default_value;
   const bool takes_one = kind->argument[0] != '\0';
   if (arguments.size() > (takes_one ? 1U : 0U)) {
-    return refused("fault " + name +
-                   (takes_one ? " takes one argument, " + std::string(kind->argument) : " takes no argument"));
+    return no_fault("fault " + name +
+                    (takes_one ? " takes one argument, " + std::string(kind->argument) : " takes no argument"));
   }
   if (!arguments.empty()) {
     if (!parse_number(arguments[0], order.value) || order.value < kind->least || order.value > kind->most) {
-      return refused("fault " + name + " takes " + kind->argument + " from " + number_text(kind->least) + " to " +
-                     number_text(kind->most) + ", not \"" + arguments[0] + "\"");
+      return no_fault("fault " + name + " takes " + kind->argument + " from " + number_text(kind->least) + " to " +
+                      number_text(kind->most) + ", not \"" + arguments[0] + "\"");
     }
   }
   return order;
@@ -154,13 +154,13 @@ tl::expected<FaultOrder, std::string> parse_fault_option(const std::string& text
   if (!order) return order;
   double at = 0;
   if (!seconds.empty() && (!parse_number(seconds, at) || at < 0 || at > kMostSeconds))
-    return refused("fault time \"" + seconds + "\" is not a number of seconds from 0 to 1000000");
+    return no_fault("fault time \"" + seconds + "\" is not a number of seconds from 0 to 1000000");
   order->at_ns = start_ns + static_cast<std::int64_t>(at * 1e9);
   return order;
 }
 
 tl::expected<FaultOrder, std::string> parse_fault_words(std::span<const std::string> words, const FaultOrigin& origin) {
-  if (words.empty()) return refused("an order begins with the name of a fault; \"fault list\" names them");
+  if (words.empty()) return no_fault("an order begins with the name of a fault; \"fault list\" names them");
   const auto is_clause = [](const std::string& w) { return w == "at" || w == "angle" || w == "frame" || w == "for"; };
   std::size_t next = 1;
   std::vector<std::string> arguments;
@@ -174,14 +174,14 @@ tl::expected<FaultOrder, std::string> parse_fault_words(std::span<const std::str
   for (; next < words.size(); next += 2) {
     const std::string& clause = words[next];
     if (!is_clause(clause) || next + 1 == words.size())
-      return refused("\"" + clause + "\" is not followed by a number, or is none of at, angle, frame, for");
+      return no_fault("\"" + clause + "\" is not followed by a number, or is none of at, angle, frame, for");
     double value = 0;
     const double least = clause == "angle" ? -kMostSeconds : 0;
     if (!parse_span(words[next + 1], origin, static_cast<std::uint32_t>(next), value) || value < least ||
         value > kMostSeconds)
-      return refused(clause + " takes a number up to 1000000 or LOW..HIGH, not \"" + words[next + 1] + "\"");
+      return no_fault(clause + " takes a number up to 1000000 or LOW..HIGH, not \"" + words[next + 1] + "\"");
     if (clause == "for") {
-      if (order->kind->lasts == Lasts::once) return refused(words[0] + " happens once and has no duration");
+      if (order->kind->lasts == Lasts::once) return no_fault(words[0] + " happens once and has no duration");
       order->duration_ns = static_cast<std::int64_t>(value * 1e9);
     } else if (clause == "at") {
       order->at_ns = origin.start_ns + static_cast<std::int64_t>(value * 1e9);
@@ -204,7 +204,7 @@ tl::expected<std::vector<FaultOrder>, std::string> parse_fault_plan(const std::s
     const std::vector<std::string> words = words_of(line);
     if (words.empty()) continue;
     const auto wrong = [&](const std::string& what) {
-      return refused("line " + std::to_string(origin.line) + " of the fault plan: " + what);
+      return no_fault("line " + std::to_string(origin.line) + " of the fault plan: " + what);
     };
     if (words[0] == "seed") {
       double seed = 0;
