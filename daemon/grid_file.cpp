@@ -16,7 +16,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 
 constexpr int kMostCells = 65536;
-constexpr std::uintmax_t kLargestFile = 1 << 20;
+constexpr std::uintmax_t kLargestGridFile = 1 << 20;
 
 const char* to_string(BaseKind base) {
   return base == BaseKind::sphere ? "sphere" : "cylinder";
@@ -128,9 +128,9 @@ tl::expected<SumsGrid, std::string> read_grid(const std::filesystem::path& file)
   std::error_code code;
   const auto size = std::filesystem::file_size(file, code);
   if (code) return tl::make_unexpected(file.string() + " cannot be read: " + code.message() + "; give a grid file.");
-  if (size > kLargestFile)
+  if (size > kLargestGridFile)
     return tl::make_unexpected(file.string() + " has " + std::to_string(size) + " bytes; grid files have at most " +
-                               std::to_string(kLargestFile) + ".");
+                               std::to_string(kLargestGridFile) + ".");
   std::ifstream in(file, std::ios::binary);
   std::string text(static_cast<std::size_t>(size), '\0');
   if (!in.read(text.data(), static_cast<std::streamsize>(size)))

@@ -29,7 +29,7 @@ constexpr std::string_view kMagic(
     8);
 constexpr std::uint16_t kMajor = 1, kMinor = 0;
 constexpr std::size_t kPreamble = 16, kHead = 24;
-constexpr std::uintmax_t kLargestFile = 256u << 20;
+constexpr std::uintmax_t kLargestPart = 256u << 20;
 constexpr const char* kSections[] = {"grid", "origin", "counts", "cells", "rims", "sample"};
 constexpr std::size_t kSectionCount = std::size(kSections);
 
@@ -49,7 +49,7 @@ void put_section(std::string& out, std::uint32_t type, const std::string& payloa
   out.append((8 - payload.size() % 8) % 8, '\0');
 }
 
-struct Problem {
+struct PartProblem {
   std::string text;
 };
 
@@ -84,7 +84,7 @@ class Payload {
     if (at_ != bytes_.size()) fail("is longer than its content");
   }
   [[noreturn]] void fail(const std::string& what) const {
-    throw Problem{"its section '" + std::string(section_) + "' " + what};
+    throw PartProblem{"its section '" + std::string(section_) + "' " + what};
   }
 
  private:
@@ -95,43 +95,46 @@ class Payload {
 
 // The payloads of all sections.
 std::vector<std::string_view> sections_of(std::string_view bytes) {
-  if (bytes.size() < kPreamble || bytes.substr(0, 8) != kMagic) throw Problem{"it is no part of partial sums"};
+  if (bytes.size() < kPreamble || bytes.substr(0, 8) != kMagic) throw PartProblem{"it is no part of partial sums"};
   Payload preamble(bytes.substr(8, kPreamble - 8), "preamble");
   const auto major = preamble.next<std::uint16_t>();
   (void)preamble.next<std::uint16_t>();
   if (major != kMajor)
-    throw Problem{"it has version " + std::to_string(major) + "; this program reads version " + std::to_string(kMajor)};
+    throw PartProblem{"it has version " + std::to_string(major) + "; this program reads version " +
+                      std::to_string(kMajor)};
   if (const auto n = preamble.next<std::uint32_t>(); n != kSectionCount)
-    throw Problem{"it has " + std::to_string(n) + " sections instead of " + std::to_string(kSectionCount)};
+    throw PartProblem{"it has " + std::to_string(n) + " sections instead of " + std::to_string(kSectionCount)};
   std::vector<std::string_view> payloads;
   std::size_t at = kPreamble;
   for (std::size_t k = 0; k < kSectionCount; ++k) {
     const std::string name = std::string("its section '") + kSections[k] + "'";
     if (bytes.size() - at < kHead)
-      throw Problem{"it is truncated: it ends after " + std::to_string(bytes.size()) + " bytes, before " + name};
+      throw PartProblem{"it is truncated: it ends after " + std::to_string(bytes.size()) + " bytes, before " + name};
     Payload head(bytes.substr(at, kHead), kSections[k]);
     const auto type = head.next<std::uint32_t>();
     head.zero();
     const auto length = head.next<std::uint64_t>();
     const auto crc = head.next<std::uint32_t>();
     if (head.next<std::uint32_t>() != crc32c(bytes.data() + at, kHead - 4) || type != k + 1)
-      throw Problem{name + " is damaged at byte " + std::to_string(at)};
+      throw PartProblem{name + " is damaged at byte " + std::to_string(at)};
     at += kHead;
     if (length > bytes.size() - at)
-      throw Problem{"it is truncated: it has " + std::to_string(bytes.size()) + " bytes, and " + name + " ends at " +
-                    std::to_string(at + length)};
+      throw PartProblem{"it is truncated: it has " + std::to_string(bytes.size()) + " bytes, and " + name +
+                        " ends at " + std::to_string(at + length)};
     const std::string_view payload = bytes.substr(at, static_cast<std::size_t>(length));
     if (crc32c(payload.data(), payload.size()) != crc)
-      throw Problem{name + " is damaged after byte " + std::to_string(at)};
+      throw PartProblem{name + " is damaged after byte " + std::to_string(at)};
     at += payload.size();
     const std::size_t padding = (8 - payload.size() % 8) % 8;
-    if (bytes.size() - at < padding) throw Problem{"it is truncated after " + std::to_string(bytes.size()) + " bytes"};
+    if (bytes.size() - at < padding)
+      throw PartProblem{"it is truncated after " + std::to_string(bytes.size()) + " bytes"};
     for (std::size_t i = 0; i < padding; ++i, ++at)
-      if (bytes[at] != '\0') throw Problem{name + " is not padded by zeros"};
+      if (bytes[at] != '\0') throw PartProblem{name + " is not padded by zeros"};
     payloads.push_back(payload);
   }
   if (at != bytes.size())
-    throw Problem{"it has " + std::to_string(bytes.size() - at) + " bytes after its end at byte " + std::to_string(at)};
+    throw PartProblem{"it has " + std::to_string(bytes.size() - at) + " bytes after its end at byte " +
+                      std::to_string(at)};
   return payloads;
 }
 
@@ -143,9 +146,9 @@ std::vector<std::string> read_inputs(std::string_view payload) {
     for (std::size_t k = 0; k < list.size(); ++k) inputs.push_back(list.at(k).text());
     return inputs;
   } catch (const JsonProblem& p) {
-    throw Problem{"in its section 'origin' " + p.text};
+    throw PartProblem{"in its section 'origin' " + p.text};
   } catch (const nlohmann::json::exception&) {
-    throw Problem{"its section 'origin' is not JSON"};
+    throw PartProblem{"its section 'origin' is not JSON"};
   }
 }
 
@@ -290,10 +293,10 @@ tl::expected<PartialSums, std::string> parse_part(std::string_view bytes, const 
     SectorExtents rims = read_rims(Payload(sections[4], kSections[4]), sums);
     auto sample = read_sample(Payload(sections[5], kSections[5]), grid->cells);
     if (sample.values().size() > of_sums.samples || sums.samples() + sums.rejected() != points)
-      throw Problem{"its counts contradict its samples"};
+      throw PartProblem{"its counts contradict its samples"};
     FirstLook look(sums, std::move(sample), std::move(rims), points);
     return PartialSums{*grid, {std::move(sums), std::move(look)}, read_inputs(sections[1])};
-  } catch (const Problem& p) {
+  } catch (const PartProblem& p) {
     return problem(p.text);
   }
 }
@@ -303,9 +306,9 @@ tl::expected<NamedPart, std::string> read_part(const std::filesystem::path& file
   const auto size = std::filesystem::file_size(file, code);
   if (code)
     return tl::make_unexpected(file.string() + " cannot be read: " + code.message() + "; give an existing part.");
-  if (size > kLargestFile)
+  if (size > kLargestPart)
     return tl::make_unexpected(file.string() + " has " + std::to_string(size) + " bytes; parts have at most " +
-                               std::to_string(kLargestFile) + ".");
+                               std::to_string(kLargestPart) + ".");
   std::ifstream in(file, std::ios::binary);
   std::string bytes(static_cast<std::size_t>(size), '\0');
   if (!in.read(bytes.data(), static_cast<std::streamsize>(size)))

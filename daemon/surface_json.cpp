@@ -57,7 +57,6 @@ std::string quoted(const std::string& text) {
 // --- reading: every access says where it is ---
 
 using Reader = JsonField;
-using Problem = JsonProblem;
 
 /// A clamped ascending knot vector over [low, high].
 std::vector<double> read_knots(const Reader& field, int degree, std::optional<double> low, std::optional<double> high) {
@@ -311,7 +310,7 @@ tl::expected<SurfaceFile, std::string> parse_surface_json(const std::string& tex
     }
     for (std::size_t k = 0; k < pieces.size(); ++k) file.pieces.push_back(read_piece(pieces.at(k)));
     return file;
-  } catch (const Problem& p) {
+  } catch (const JsonProblem& p) {
     return problem(p.text);
   }
 }

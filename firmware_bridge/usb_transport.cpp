@@ -20,6 +20,7 @@ namespace usb = protocol::usb;
 namespace reg = protocol::reg;
 
 constexpr std::size_t kTraceKept = 4096;  // 4 s at 1 kHz; whoever wants them takes them at every poll
+constexpr int kArrivalShare = 5;          // of the time-out: a lost link is tried several times
 constexpr int kTraceTransfers = 2;        // one is filled while the other is handled
 
 /// The newest trace samples, oldest first.
@@ -78,7 +79,7 @@ class UsbTransport final : public Transport {
     return exchange(usb::kTypeOut, usb::Request::write_holding, address, registers.size());
   }
 
-  tl::expected<void, LinkError> reconnect() override { return connect(place_.timeout_ms); }
+  tl::expected<void, LinkError> reconnect() override { return connect(place_.timeout_ms / kArrivalShare); }
   /// @param arrival_ms an absent controller is waited for so long
   tl::expected<void, LinkError> connect(int arrival_ms) {
     close();

@@ -9,6 +9,7 @@ namespace {
 
 std::vector<int> edges_of(const std::vector<double>& breaks, double start, double cells_per_unit) {
   std::vector<int> edges;
+  edges.reserve(breaks.size());
   for (const double b : breaks) edges.push_back(static_cast<int>(std::lround((b - start) * cells_per_unit)));
   return edges;
 }

@@ -22,7 +22,7 @@ constexpr double kScales = 5;         // of a face's scatter, that are the face
 constexpr double kRounding = 1e-5;    // of the height, below which scatter counts as none
 constexpr int kCandidates = 6, kRounds = 20;
 
-double quantile(std::vector<double> values, double share) {
+double value_at_share(std::vector<double> values, double share) {
   const auto at = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), at, values.end());
   return *at;
@@ -82,7 +82,7 @@ double sag(const std::vector<Eigen::Vector3d>& points) {
     z[static_cast<Eigen::Index>(k)] = points[k].z();
   }
   const Eigen::VectorXd c = rows.colPivHouseholderQr().solve(z);
-  return std::abs(c[3]) * (quantile(squares, 0.95) - quantile(squares, 0.05));
+  return std::abs(c[3]) * (value_at_share(squares, 0.95) - value_at_share(squares, 0.05));
 }
 
 struct Face {
@@ -110,7 +110,7 @@ std::optional<Face> take_face(std::vector<Eigen::Vector3d>& flats, const Surface
   if (slope.norm() > kSteepest || sag(members) > 2 * noise) return std::nullopt;
   std::vector<double> radii;
   for (const auto& p : members) radii.push_back(p.head<2>().norm());
-  if (quantile(radii, 0.95) - quantile(radii, 0.05) < kLeastWidth * wall_radius) return std::nullopt;
+  if (value_at_share(radii, 0.95) - value_at_share(radii, 0.05) < kLeastWidth * wall_radius) return std::nullopt;
 
   // Once more from points where no wall is near, down to their own scatter; and what lies on either side.
   std::vector<Eigen::Vector3d> own;
@@ -130,7 +130,7 @@ std::optional<Face> take_face(std::vector<Eigen::Vector3d>& flats, const Surface
   for (int round = 0; round < kRounds; ++round) {
     std::vector<double> distances;
     for (const auto& p : own) distances.push_back(std::abs(plane.above(p)));
-    scatter = std::max(1.4826 * quantile(distances, 0.5), kRounding * wall_radius / kScales);
+    scatter = std::max(1.4826 * value_at_share(distances, 0.5), kRounding * wall_radius / kScales);
     refit(plane, own, scatter);
   }
   Face face;
@@ -171,7 +171,7 @@ FlatEnds find_flat_ends(const Eigen::Matrix3Xd& points) {
     }
   }
   if (radii.size() < 20) return ends;
-  const double wall_radius = quantile(radii, 0.5), noise = std::max(sample.noise_mm, kRounding * wall_radius);
+  const double wall_radius = value_at_share(radii, 0.5), noise = std::max(sample.noise_mm, kRounding * wall_radius);
   for (int k = 0; k < kCandidates && flats.size() >= 20; ++k) {
     const auto face = take_face(flats, sample, noise, wall_radius, normals);
     if (!face) continue;

@@ -8,7 +8,7 @@ namespace {
 
 // Samples that one variance is taken from, and how many of the mean variance are thought to lie with them.
 constexpr double kSamplesPerBlock = 256, kPriorSamples = 4;
-constexpr double kResolution = 1e-7;
+constexpr double kVarianceResolution = 1e-7;
 
 struct Block {
   double square = 0, samples = 0, left = 0;
@@ -20,7 +20,7 @@ Eigen::MatrixXd variance_ratios(const CellResiduals& residuals, double lost_para
   const Eigen::MatrixXd &square = residuals.square, &samples = residuals.weight;
   const Eigen::Index nz = square.rows(), nv = square.cols();
   Eigen::MatrixXd ratios = Eigen::MatrixXd::Ones(nz, nv);
-  const double floor = kResolution * mean_range, all_samples = samples.sum();
+  const double floor = kVarianceResolution * mean_range, all_samples = samples.sum();
   if (square.sum() <= floor * floor * all_samples) return ratios;
 
   const double occupied = static_cast<double>((samples.array() > 0).count());

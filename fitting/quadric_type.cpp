@@ -114,7 +114,7 @@ Eigen::Vector3d eigenvalue_noise(const QuadricFit& fit) {
 
 QuadricType classify(const QuadricFit& fit) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(fit.normalised.Q_u);
-  const Eigen::Vector3d lambda = solver.eigenvalues();
+  const Eigen::Vector3d& lambda = solver.eigenvalues();
   const double floor = 1e-9 * lambda.cwiseAbs().maxCoeff();
   QuadricTolerance tolerance;
   tolerance.eigenvalues = (3 * eigenvalue_noise(fit)).cwiseMax(floor);

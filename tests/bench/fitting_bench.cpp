@@ -181,15 +181,40 @@ void scattered() {
   const Points p = scattered_points(1'000'000);
   AlglibFit peer(p, 1e-9);
   RangeFunction f;
+  // The same number of points and unknowns over part of a turn, and over a sphere.
+  const BaseArcs part = BaseArcs::open(0.3, 4);
+  Points of_part = p, of_sphere = p;
+  for (std::size_t k = 0; k < p.r.size(); ++k) {
+    of_part.theta[k] = 0.3 + 4 * p.theta[k] / (2 * test::kPi);
+    of_sphere.z[k] = BaseSurface::kMeridianEnd * p.z[k] / kHeight;
+  }
   const auto t = medians(3, {[&] { peer.run(); },
                              [&] {
                                MomentGrid sums(grid_of(32, kAround));
                                sums.add(p.r, p.theta, p.z);
                                f = solved(sums);
+                             },
+                             [&] {
+                               GridSpecification grid = grid_of(32, kAround);
+                               grid.arcs = part;
+                               MomentGrid sums(grid);
+                               sums.add(of_part.r, of_part.theta, of_part.z);
+                               solved(sums);
+                             },
+                             [&] {
+                               GridSpecification grid = grid_of(32, kAround);
+                               grid.z_end_mm = BaseSurface::kMeridianEnd;
+                               grid.base = BaseKind::sphere;
+                               MomentGrid sums(grid);
+                               sums.add(of_sphere.r, of_sphere.theta, of_sphere.z);
+                               solved(sums);
                              }});
   std::printf("1M scattered points: %.1f ms, RMS %.2e; ALGLIB BlockLLS %.0f ms, RMS %.2e: %.1f times as fast\n", t[1],
               rms(f), t[0], peer.rms(), t[0] / t[1]);
   at_least("1M scattered points at least 50 x ALGLIB", t[0], t[1], 50);
+  std::printf("the same over 4 rad of the turn: %.1f ms; over a sphere: %.1f ms\n", t[2], t[3]);
+  at_least("1M scattered points over an open range, likewise", t[0], t[2], 50);
+  at_least("1M scattered points over a sphere, likewise", t[0], t[3], 50);
 }
 
 void few_points() {

@@ -8,6 +8,8 @@
 #include <random>
 #include <string>
 
+#include "fitting/section.h"
+#include "fitting/signed_distance.h"
 #include "fitting/solid_properties.h"
 #include "tests/fitting/fit_tools.h"
 
@@ -67,6 +69,40 @@ RC_GTEST_PROP(Symmetry, AnyFunctionRepeatsWithoutABreak, ()) {
     const double r = whole(t, 0.5);
     RC_ASSERT((p - Eigen::Vector3d(r * std::cos(t), r * std::sin(t), 0.5)).norm() < 1e-10);
   }
+}
+
+// What comes after a fit takes circles of any number of arcs.
+TEST(Symmetry, SectionsAndDistancesOfManyArcs) {
+  const Symmetry symmetry{5, true, 0.4};
+  const RangeSpace space = RangeSpace::over(3, symmetry.sector(), 3);
+  Eigen::MatrixXd free(2, space.free_count());
+  for (Eigen::Index k = 0; k < free.size(); ++k) free.data()[k] = 25 + std::sin(2.0 * static_cast<double>(k));
+  BaseSurface base;
+  base.arcs = symmetry.sector();
+  base.band_end = 40;
+  const RangeFunction f = unfolded(
+      RangeFunction(base, 1, 3, {0, 0, 1, 1}, space.knots(), free * Eigen::MatrixXd(space.extraction().transpose())),
+      symmetry);
+  ASSERT_EQ(f.base().arcs.count(), 10);
+  const SignedDistance distance(f);
+  std::mt19937_64 random(2);
+  std::uniform_real_distribution<double> share(0, 1);
+  for (int k = 0; k < 500; ++k) {
+    const double t = 2 * kPi * share(random), r = 15 + 20 * share(random), z = 40 * share(random);
+    const double x = r * std::cos(t), y = r * std::sin(t);
+    double ray = 0, across = 0;
+    distance.along_ray(&x, &y, &z, 1, &ray);
+    distance.to_surface(&x, &y, &z, 1, &across);
+    const auto member = f.membership({x, y, z});
+    EXPECT_NEAR(ray, r - f(t, z), 1e-11);
+    EXPECT_NEAR(across, member.signed_distance_mm, 1e-10);
+  }
+  const Section cut = section(f, 13);
+  constexpr int kCorners = 200000;
+  double area = 0;
+  for (int k = 0; k < kCorners; ++k) area += std::pow(f(2 * kPi * k / kCorners, 13), 2) * kPi / kCorners;
+  EXPECT_NEAR(cut.area_mm2, area, 1e-6);
+  EXPECT_LT(cut.centroid_mm.head<2>().norm(), 1e-11);
 }
 
 test::Shape lobed(int fold, double plane, double skew) {
