@@ -338,12 +338,14 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
 
   // Make safe, whatever came of it; the log is closed in order.
   const std::optional<std::string> unsafe = safe.now();
-  auto shines = std::async(captured ? std::launch::async : std::launch::deferred,
-                           [&, dark_since_ns = recorded != nullptr ? 0 : equipment.clock.now_ns()] {
-                             return recorded != nullptr
-                                        ? std::nullopt
-                                        : light_although_off(equipment.camera, triangulator, *seen, dark_since_ns);
-                           });
+  // The camera is this look's alone until it is over, and stops with it.
+  const auto look_for_light = [&, dark_since_ns = recorded != nullptr ? 0 : equipment.clock.now_ns()] {
+    std::optional<std::string> light;
+    if (recorded == nullptr) light = light_although_off(equipment.camera, triangulator, *seen, dark_since_ns);
+    equipment.camera.stop();
+    return light;
+  };
+  auto shines = std::async(captured ? std::launch::async : std::launch::deferred, look_for_light);
   if (!captured) {
     ScanStop& stop = captured.error();
     if (unsafe && !stop.device_lost) stop.reason += " " + *unsafe;

@@ -316,7 +316,8 @@ CellResult try_cell(const FaultCase& fault, const FaultMoment& moment, std::uint
   const bool named = contains_any(cell.reason, fault.names);
   cell.named = named ? "yes" : "-";
   if (!named && fault.known != FaultCase::Known::no && moment.machine_in_use) {
-    const bool healed = fault.homing_heals && std::string(moment.name) == "preparing: homing";
+    const std::string at = moment.name;
+    const bool healed = fault.homing_heals && (at == "preparing: warning" || at == "preparing: homing");
     // What came and went while nothing ran leaves a machine that is fit to scan.
     const bool must = !over || (fault.known == FaultCase::Known::named && !idle && !healed);
     if (must) {
