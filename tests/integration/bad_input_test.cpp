@@ -116,11 +116,11 @@ TEST(BadInput, ADiskThatFillsDuringAScanIsTheSystemsFault) {
   }
 }
 
-TEST(BadInput, AnEmptyTableIsTheMachinesAnswerAndLeavesItSafe) {
+TEST(BadInput, ADeadLaserIsNamedAndTheMachineLeftSafe) {
   Station station;
   station.start_daemon();
   ask_simulator(station.folder.path(), "fault laser-dead");
-  expect_refusal({"celadon", "scan", "--server", station.server()}, kDevice, {"No laser line is seen", "check"});
+  expect_refusal({"celadon", "scan", "--server", station.server()}, kDevice, {"Laser 0 does not emit", "check"});
   expect_safe(station);
 }
 
