@@ -7,6 +7,17 @@ namespace celadon {
 namespace {
 constexpr double kCells = 2048, kSamplesPerCell = 12;
 constexpr int kGapColumns = 16;  // more than anything looks ahead
+// Not the mean: a few values that stand for "no reading", such as 1e30, would make every cell a sliver.
+double median_range(const std::vector<SamplePoint>& samples) {
+  if (samples.empty()) return 1;
+  std::vector<double> r;
+  r.reserve(samples.size());
+  for (const SamplePoint& sample : samples) r.push_back(sample.r_mm);
+  const auto middle = r.begin() + static_cast<std::ptrdiff_t>(r.size() / 2);
+  std::nth_element(r.begin(), middle, r.end());
+  return *middle;
+}
+
 }  // namespace
 
 const Cluster* SampleCell::accepted() const {
@@ -22,7 +33,7 @@ SampleCells::SampleCells(const MomentGrid& sums, const std::vector<SamplePoint>&
       turn_v_(sums.arcs().count()),
       arc_rad_(sums.arcs().arc_rad()) {
   const double weight = static_cast<double>(std::max<std::size_t>(sums.samples(), 1));
-  const double r = sums.sum_weight() > 0 ? sums.sum_weighted_range() / sums.sum_weight() : 1;
+  const double r = median_range(samples);
   int lowest = sums.z_cells(), highest = 0;
   for (int j = 0; j < sums.v_cells(); ++j)
     for (int i = 0; i < sums.z_cells(); ++i)

@@ -103,7 +103,7 @@ int main(int argc, char** argv) {
                 c.solve_s / unknowns * 1e6, peak_mb(), c.rms_mm);
     std::fprintf(file, "%s,%zu,%.0f,%.6g,%.6g,%.1f\n", over, points, unknowns, c.accumulate_s, c.solve_s, peak_mb());
   };
-  for (const std::size_t points : {100'000, 300'000, 1'000'000, 3'000'000, 10'000'000, 30'000'000})
+  for (const std::size_t points : {100'000UL, 300'000UL, 1'000'000UL, 3'000'000UL, 10'000'000UL, 30'000'000UL})
     row("points", points, 64);
   for (const int intervals : {16, 32, 64, 128, 256, 512}) row("unknowns", 8'000'000, intervals);
   std::fclose(file);

@@ -76,14 +76,16 @@ double read_bytes(const fs::path& file) {
   return seconds;
 }
 
-double read_points(const fs::path& file) {
+double read_points(const fs::path& file, std::size_t expected) {
   auto cloud = celadon::open_cloud(file, {});
   if (!cloud) fail(cloud.error().message);
   const auto start = Clock::now();
   (*cloud)->rewind();
   std::size_t points = 0;
   while (const celadon::Profile* profile = (*cloud)->next()) points += profile->size();
-  return seconds_since(start);
+  const double seconds = seconds_since(start);
+  if (points != expected) fail(std::to_string(points) + " points were read");
+  return seconds;
 }
 
 }  // namespace
@@ -95,7 +97,7 @@ int main(int argc, char** argv) {
   const fs::path cloud = folder / "cloud.ply", report = folder / "report.json";
   write_cloud(cloud, points);
   const double n = static_cast<double>(points);
-  const double bytes_s = read_bytes(cloud), points_s = read_points(cloud);
+  const double bytes_s = read_bytes(cloud), points_s = read_points(cloud, points);
   std::printf(
       "%zu points, %.0f MB of binary PLY\nits bytes read        %7.2f s  %6.2f ns a point\nread as points       %8.2f "
       "s  %6.2f ns\n",
