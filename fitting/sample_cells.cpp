@@ -7,15 +7,18 @@ namespace celadon {
 namespace {
 constexpr double kCells = 2048, kSamplesPerCell = 12;
 constexpr int kGapColumns = 16;  // more than anything looks ahead
-// Not the mean: a few values that stand for "no reading", such as 1e30, would make every cell a sliver.
-double median_range(const std::vector<SamplePoint>& samples) {
-  if (samples.empty()) return 1;
+// Mean range, but for a few values that stand for "no reading", such as 1e30, and would make every cell a sliver: with
+// these it is far from the median, which is taken then.
+double usual_range(const MomentGrid& sums, const std::vector<SamplePoint>& samples) {
+  constexpr double kFar = 4;
+  const double mean = sums.sum_weight() > 0 ? sums.sum_weighted_range() / sums.sum_weight() : 1;
+  if (samples.empty()) return mean;
   std::vector<double> r;
   r.reserve(samples.size());
   for (const SamplePoint& sample : samples) r.push_back(sample.r_mm);
   const auto middle = r.begin() + static_cast<std::ptrdiff_t>(r.size() / 2);
   std::nth_element(r.begin(), middle, r.end());
-  return *middle;
+  return mean < kFar * *middle ? mean : *middle;
 }
 
 }  // namespace
@@ -33,7 +36,7 @@ SampleCells::SampleCells(const MomentGrid& sums, const std::vector<SamplePoint>&
       turn_v_(sums.arcs().count()),
       arc_rad_(sums.arcs().arc_rad()) {
   const double weight = static_cast<double>(std::max<std::size_t>(sums.samples(), 1));
-  const double r = median_range(samples);
+  const double r = usual_range(sums, samples);
   int lowest = sums.z_cells(), highest = 0;
   for (int j = 0; j < sums.v_cells(); ++j)
     for (int i = 0; i < sums.z_cells(); ++i)
