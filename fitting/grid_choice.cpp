@@ -82,6 +82,8 @@ tl::expected<GridSpecification, FitError> choose_grid(ProfileStream& profiles, c
   grid.z_start_mm = lowest < low - reach ? low - reach : lowest;
   grid.z_end_mm = highest > high + reach ? high + reach : highest;
   const bool spherical = options.base == BaseKind::sphere;
+  if (options.reach_start) grid.z_start_mm = std::min(grid.z_start_mm, *options.reach_start);
+  if (options.reach_end) grid.z_end_mm = std::max(grid.z_end_mm, *options.reach_end);
   if (spherical) grid.z_start_mm = 0, grid.z_end_mm = BaseSurface::kMeridianEnd;
   if (!(grid.z_end_mm > grid.z_start_mm))
     return tl::unexpected(FitError{text(

@@ -46,7 +46,7 @@ struct RangeFitOptions {
   /// Fixed numbers of intervals instead of the data's choice (both or neither).
   std::optional<int> z_intervals{}, intervals_per_arc{};
   /// Coordinates along the base (z in mm, or w) at which the samples end but the object goes on: the surface reaches
-  /// them if samples come near, and an error says so if not. Edges of the grid's cells.
+  /// them if samples come near, and an error says so if not. Edges of the grid's cells, as choose_grid() makes them.
   std::optional<double> reach_start{}, reach_end{};
   bool robust = true;     ///< Tukey weights by the median absolute deviation
   bool smoothing = true;  ///< bending energy by Mallows' Cp

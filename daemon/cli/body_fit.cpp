@@ -67,10 +67,8 @@ tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStr
     if (sphere) part = spherical.emplace_back(std::make_unique<SphericalStream>(*part, shape.centre_z_mm)).get();
   JoinedStream stream(whole);
   options.base = sphere ? BaseKind::sphere : BaseKind::cylinder;
-  auto grid = choose_grid(stream, options);
+  const auto grid = choose_grid(stream, options);
   if (!grid) return tl::make_unexpected(grid.error().message);
-  if (options.reach_start) grid->z_start_mm = std::min(grid->z_start_mm, *options.reach_start);
-  if (options.reach_end) grid->z_end_mm = std::max(grid->z_end_mm, *options.reach_end);
   setting.lap("read");
   const GatheredSamples gathered = gather(whole, *grid, run_on_all_cores);
   setting.lap("accumulate");
@@ -135,7 +133,11 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
   if (ends.lower) to_faces.reach_start = ends.lower->height_mm;
   if (ends.upper) to_faces.reach_end = ends.upper->height_mm;
   auto fitted = fit_wall(shape, wall, wall_parts, to_faces, setting, notes);
-  return fitted ? std::move(fitted) : fit_wall(shape, wall, wall_parts, options, setting, notes);
+  if (fitted) return fitted;
+  const std::string why = fitted.error();
+  fitted = fit_wall(shape, wall, wall_parts, options, setting, notes);
+  if (fitted) notes.warnings.push_back("The wall does not go on to the flat faces that were found: " + why + ".");
+  return fitted;
 }
 
 }  // namespace celadon::cli

@@ -21,7 +21,8 @@ std::optional<double> number(std::string_view text) {
 void add_constraint_options(CLI::App& command, ConstraintArguments& arguments) {
   command
       .add_option("--fix-radius", arguments.radii,
-                  "hold this radius all around at this height exactly, as HEIGHT=RADIUS [mm]; several may be given")
+                  "hold this radius all around at this height of the surface's own frame exactly, as HEIGHT=RADIUS "
+                  "[mm]; several may be given")
       ->type_name("HEIGHT=RADIUS");
   command
       .add_option("--fix-angle-below", arguments.angle_below_deg,

@@ -386,6 +386,47 @@ TEST(FitCommand, TopAndTableAreNoWall) {
   EXPECT_EQ(step.find("assumed"), std::string::npos);
 }
 
+// The same of native samples whose wall ends before its faces: off the axis, and as one sector of five.
+TEST(FitCommand, WallsGoOnToTheirFacesInOtherFramesAndSectors) {
+  const auto samples = [](double off, double lobes) {
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> share(0, 1);
+    std::normal_distribution<double> normal(0, 0.02);
+    std::string text = "r,theta,z\n";
+    const auto add = [&](double t, double r, double z) {
+      const double x = off + r * std::cos(t), y = r * std::sin(t);
+      char line[128];
+      std::snprintf(line, sizeof line, "%.9g,%.9g,%.9g\n", std::hypot(x, y), std::atan2(y, x), z);
+      text += line;
+    };
+    const auto turn = [&] { return 2 * std::numbers::pi * share(random); };
+    for (int k = 0; k < 20000; ++k) {
+      const double t = turn();
+      add(t, 25 + lobes * std::cos(5 * t) + normal(random), 0.7 + 78.3 * share(random));
+    }
+    for (int k = 0; k < 4000; ++k) add(turn(), 23 * std::sqrt(share(random)), 80 + normal(random));
+    for (int k = 0; k < 9000; ++k) add(turn(), std::sqrt(1000 + 5000 * share(random)), normal(random));
+    return text;
+  };
+  const TemporaryFolder folder;
+  const auto report_of = [&](const std::string& input, std::vector<std::string> more) {
+    std::vector<std::string> command = {"celadon",        "fit", input, "-o", folder / "c.step", "--report",
+                                        folder / "r.json"};
+    command.insert(command.end(), more.begin(), more.end());
+    const auto outcome = run(command);
+    EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+    return json::parse(read_file(folder / "r.json"));
+  };
+  const json off = report_of(folder.write("off.csv", samples(6, 0)), {});
+  EXPECT_EQ(off["model"], "cylinder");
+  EXPECT_NEAR(off["frame"]["origin"][0].get<double>(), 6, 0.01);
+  EXPECT_NEAR(off["size_mm"][2].get<double>(), 80, 0.01);
+  const json lobed = report_of(folder.write("lobed.csv", samples(0, 1.5)), {"--symmetry", "5", "--mirror", "auto"});
+  EXPECT_EQ(lobed["symmetry"]["fold"], 5);
+  EXPECT_NEAR(lobed["size_mm"][2].get<double>(), 80, 0.01);
+  EXPECT_NEAR(lobed["noise_mm"].get<double>(), 0.02, 0.002);
+}
+
 // Native samples are the scanner's: a cylinder off its axis is one about its own, unless the axis is named.
 TEST(FitCommand, NativeSamplesOfAPartOffTheAxis) {
   std::mt19937 random(5);
