@@ -13,12 +13,13 @@ Eigen::Vector3d size_of(std::span<const RangeFunction* const> pieces) {
     const BaseSurface& base = range->base();
     for (int i = 0; i <= kAlong; ++i) {
       const double z = base.band_start + (base.band_end - base.band_start) * i / kAlong;
-      for (int j = 0; j < kAround; ++j) {
-        const double theta = 2 * std::numbers::pi * j / kAround, range_mm = (*range)(theta, z);
+      for (int j = 0; j <= kAround; ++j) {
+        const double theta = base.arcs.theta_of_v(base.arcs.count() * static_cast<double>(j) / kAround),
+                     range_mm = (*range)(theta, z);
         const double phi = base.spherical() ? BaseSurface::meridian().theta_of_v(z) : 0;
         const double r = base.spherical() ? range_mm * std::sin(phi) : range_mm;
         box.extend(base.X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta),
-                                               base.spherical() ? range_mm * std::cos(phi) : z));
+                                               base.spherical() ? range_mm * std::cos(phi) : base.z_mm(theta, z)));
       }
     }
   }
@@ -40,6 +41,17 @@ void put_counts(Json& json, const RangeFitReport& r) {
   json["points"] = r.points;
   json["rejected"] = r.rejected;
   json["unfollowable"] = r.unfollowable;
+}
+
+// The least and the largest height of a rim.
+Json extent_of_rim(const BaseSurface& base, double along) {
+  constexpr int kAround = 720;
+  double least = base.z_mm(0, along), most = least;
+  for (int j = 1; j < kAround; ++j) {
+    const double z = base.z_mm(2 * std::numbers::pi * j / kAround, along);
+    least = std::min(least, z), most = std::max(most, z);
+  }
+  return Json::array({least, most});
 }
 
 // What a surface is and how well its samples lie on it.
@@ -65,6 +77,13 @@ void put_surface(Json& json, const RangeFit& fit) {
     json["band_rad"] = {r.phi_start_rad, r.phi_end_rad};
   } else {
     json["band_mm"] = {r.z_start_mm, r.z_end_mm};
+  }
+  if (!base.arcs.closed()) {
+    const double start = base.arcs.start_rad();
+    json["angles_rad"] = {start, start + base.arcs.count() * base.arcs.arc_rad()};
+  }
+  if (base.heights) {
+    json["rims_mm"] = {{"lower", extent_of_rim(base, base.band_start)}, {"upper", extent_of_rim(base, base.band_end)}};
   }
   if (!r.constraints.empty()) {
     json["constraints"] = Json::array();
@@ -120,8 +139,12 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
         {"bias", notes.closure_mm->bias}, {"rms", notes.closure_mm->rms}, {"samples", notes.closure_mm->samples}};
   }
   if (notes.solid) {
-    json["solid"] = {
-        {"volume_mm3", notes.solid->volume_mm3}, {"valid", notes.solid->valid}, {"faces", notes.solid->faces}};
+    if (notes.solid->closed) {
+      json["solid"] = {
+          {"volume_mm3", notes.solid->volume_mm3}, {"valid", notes.solid->valid}, {"faces", notes.solid->faces}};
+    } else {
+      json["shell"] = {{"valid", notes.solid->valid}, {"faces", notes.solid->faces}};
+    }
   }
   if (notes.own_axis) {
     const LocalFrame& own = *notes.own_axis;

@@ -47,7 +47,7 @@ std::string file_name(ResultFormat format, const std::string& name) {
 
 // The wall ends on a face that was measured, and the disc that closes it there lies on the face.
 bool is_face(const std::optional<FlatEnd>& face, const BaseSurface& base, bool upper) {
-  if (!face || base.spherical()) return false;
+  if (!face || base.spherical() || base.heights) return false;
   const double end = upper ? base.band_end : base.band_start;
   return std::abs(end - face->height_mm) < 1e-9 && face->tilt_rad() < kSquare_rad;
 }

@@ -80,6 +80,27 @@ std::vector<double> read_knots(const Reader& field, int degree, std::optional<do
   return knots;
 }
 
+std::shared_ptr<const RangeFunction> read_heights(const Reader& field, const BaseSurface& base) {
+  if (base.spherical()) field.fail("is for a cylinder");
+  BaseSurface over;
+  over.arcs = base.arcs;
+  const auto band = field.at("along").numbers(2);
+  over.band_start = band[0], over.band_end = band[1];
+  if (!(over.band_start <= base.band_start && base.band_end <= over.band_end))
+    field.at("along").fail("does not hold the band z_start_mm .. z_end_mm");
+  const int q = field.at("degree_v").whole(0, 9);
+  auto knots = read_knots(field.at("knots_v"), q, 0., double(base.arcs.count()));
+  const auto columns = knots.size() - static_cast<std::size_t>(q) - 1;
+  Eigen::MatrixXd rims(2, static_cast<Eigen::Index>(columns));
+  for (const char* name : {"lower_mm", "upper_mm"}) {
+    const auto row = field.at(name).numbers(columns);
+    rims.row(name[0] == 'u') = Eigen::Map<const Eigen::RowVectorXd>(row.data(), rims.cols());
+  }
+  if (!((rims.row(1) - rims.row(0)).minCoeff() > 0)) field.at("upper_mm").fail("is not above lower_mm");
+  return std::make_shared<const RangeFunction>(over, 1, q, std::vector<double>{0, 0, 1, 1}, std::move(knots),
+                                               std::move(rims));
+}
+
 BaseSurface read_base(const Reader& field) {
   const std::string kind = field.at("kind").text();
   if (kind != "cylinder" && kind != "sphere") {
@@ -108,6 +129,7 @@ BaseSurface read_base(const Reader& field) {
     field.at("arcs").fail("and arc_rad do not describe equal arcs of at most 90 degrees");
   }
   base.X_WB = field.at("frame").frame();
+  if (field.has("heights")) base.heights = read_heights(field.at("heights"), base);
   return base;
 }
 
@@ -230,7 +252,20 @@ void put_piece(std::string& out, const SurfacePiece& piece) {
     out += std::string(", \"") + axes[k] + "\": ";
     put_array(out, Eigen::Vector3d(base.X_WB.linear().col(k)));
   }
-  out += "}\n  }";
+  out += "}";
+  if (base.heights) {
+    const RangeFunction& heights = *base.heights;
+    out += ",\n    \"heights\": {\n      \"along\": ";
+    put_array(out, std::vector<double>{heights.base().band_start, heights.base().band_end});
+    out += ",\n      \"degree_v\": " + std::to_string(heights.degree_v()) + ",\n      \"knots_v\": ";
+    put_array(out, heights.knots_v());
+    out += ",\n      \"lower_mm\": ";
+    put_array(out, Eigen::VectorXd(heights.coefficients().row(0)));
+    out += ",\n      \"upper_mm\": ";
+    put_array(out, Eigen::VectorXd(heights.coefficients().row(1)));
+    out += "\n    }";
+  }
+  out += "\n  }";
   if (piece.deviation) {
     const DeviationMap& map = *piece.deviation;
     out += ",\n  \"standard_deviation\": {\n    \"along\": ";

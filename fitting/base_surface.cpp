@@ -3,6 +3,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "fitting/range_function.h"
+
 namespace celadon {
 namespace {
 
@@ -50,6 +52,21 @@ struct Meridian {
   double second(const RangeDerivatives& r) const { return r.r_z_z * w_phi * w_phi + r.r_z * w_phi_phi; }
 };
 
+// From derivatives by theta and the coordinate t along to those by theta and z = H(theta, t), H linear in t:
+// t_z = 1/H_t, t_theta = -H_theta/H_t.
+RangeDerivatives by_height(const RangeFunction& heights, double theta_rad, double along, const RangeDerivatives& f) {
+  const RangeDerivatives H = heights.derivatives(theta_rad, along);
+  const double t_z = 1 / H.r_z, t_theta = -H.r_theta * t_z, t_theta_z = -H.r_theta_z * t_z * t_z,
+               t_theta_theta = -(H.r_theta_theta + 2 * H.r_theta_z * t_theta) * t_z;
+  return {.r_mm = f.r_mm,
+          .r_theta = f.r_theta + f.r_z * t_theta,
+          .r_z = f.r_z * t_z,
+          .r_theta_theta =
+              f.r_theta_theta + 2 * f.r_theta_z * t_theta + f.r_z_z * t_theta * t_theta + f.r_z * t_theta_theta,
+          .r_theta_z = (f.r_theta_z + f.r_z_z * t_theta) * t_z + f.r_z * t_theta_z,
+          .r_z_z = f.r_z_z * t_z * t_z};
+}
+
 }  // namespace
 
 const BaseArcs& BaseSurface::meridian() {
@@ -57,8 +74,19 @@ const BaseArcs& BaseSurface::meridian() {
   return arcs;
 }
 
+double BaseSurface::z_mm(double theta_rad, double along) const {
+  return heights ? (*heights)(theta_rad, along) : along;
+}
+
+double BaseSurface::along_at(double theta_rad, double z_mm) const {
+  if (!heights) return z_mm;
+  const double a = heights->base().band_start, b = heights->base().band_end;
+  const double lower = (*heights)(theta_rad, a), upper = (*heights)(theta_rad, b);
+  return a + (z_mm - lower) / (upper - lower) * (b - a);
+}
+
 double BaseSurface::along_of(const Eigen::Vector3d& p_B) const {
-  if (!spherical()) return p_B.z();
+  if (!spherical()) return along_at(std::atan2(p_B.y(), p_B.x()), p_B.z());
   const double x = p_B.z(), y = std::hypot(p_B.x(), p_B.y());
   double w = 0, rho = 0;
   meridian().synchronise(&x, &y, 1, &w, &rho);
@@ -69,7 +97,8 @@ double BaseSurface::range_of(const Eigen::Vector3d& p_B) const {
   return spherical() ? p_B.norm() : std::hypot(p_B.x(), p_B.y());
 }
 
-SurfacePoint surface_point(const BaseSurface& base, double theta_rad, double along, const RangeDerivatives& f) {
+SurfacePoint surface_point(const BaseSurface& base, double theta_rad, double along, const RangeDerivatives& of_along) {
+  const RangeDerivatives f = base.heights ? by_height(*base.heights, theta_rad, along, of_along) : of_along;
   const Eigen::Vector3d radial(std::cos(theta_rad), std::sin(theta_rad), 0), tangential(-radial.y(), radial.x(), 0);
   if (base.spherical()) {
     const Meridian m(along);
@@ -93,7 +122,7 @@ SurfacePoint surface_point(const BaseSurface& base, double theta_rad, double alo
   const double L = -((f.r_theta_theta - f.r_mm) * n.x() + 2 * f.r_theta * n.y());
   const double M = -(f.r_theta_z * n.x() + f.r_z * n.y());
   const double N = -f.r_z_z * n.x();
-  return finish(base, f.r_mm * radial + Eigen::Vector3d(0, 0, along),
+  return finish(base, f.r_mm * radial + Eigen::Vector3d(0, 0, base.z_mm(theta_rad, along)),
                 n.x() * radial + n.y() * tangential + Eigen::Vector3d(0, 0, n.z()),
                 f.r_theta * f.r_theta + f.r_mm * f.r_mm, f.r_theta * f.r_z, f.r_z * f.r_z + 1, L, M, N);
 }
@@ -116,7 +145,12 @@ SurfacePoint pole_point(const BaseSurface& base, double along, const RangeDeriva
   return finish(base, jet);
 }
 
-double cos_psi(const BaseSurface& base, double along, double r_mm, double r_theta, double r_along) {
+double cos_psi(const BaseSurface& base, double theta_rad, double along, double r_mm, double r_theta, double r_along) {
+  if (base.heights) {
+    const RangeDerivatives z = base.heights->derivatives(theta_rad, along);
+    r_along /= z.r_z;
+    r_theta -= r_along * z.r_theta;
+  }
   if (!base.spherical()) return 1 / std::sqrt(1 + r_theta * r_theta / (r_mm * r_mm) + r_along * r_along);
   const Meridian m(along);
   const double g1 = r_along * m.w_phi / r_mm, g2 = r_theta / (std::sin(m.phi) * r_mm);

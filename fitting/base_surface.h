@@ -5,10 +5,13 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <memory>
 
 #include "fitting/base_arcs.h"
 
 namespace celadon {
+
+class RangeFunction;
 
 /// What a range function is over.
 enum class BaseKind : std::uint8_t {
@@ -17,19 +20,27 @@ enum class BaseKind : std::uint8_t {
 };
 
 /// A base of unit radius. The coordinate along it is z in mm on the cylinder; on the sphere it is w, the parameter of
-/// meridian(), 0 at the pole phi = 0 and 2 at phi = pi. The coordinate around it is theta, on arcs.
+/// meridian(), 0 at the pole phi = 0 and 2 at phi = pi. The coordinate around it is theta, on arcs. A cylinder whose
+/// rims are not plane has a coordinate of its own along it, and heights that say what z is.
 struct BaseSurface {
   BaseKind kind = BaseKind::cylinder;
   BaseArcs arcs = BaseArcs::full_circle();
   double band_start = 0, band_end = 1;                     ///< of the coordinate along: mm, or w within [0, 2]
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();  ///< base frame in the scanner frame (lengths in mm)
+  /// z(theta, along) over a cylinder with rims that are not plane: linear and rising along, over a band that holds this
+  /// one, on the same arcs (rims.h). Null: z is the coordinate along.
+  std::shared_ptr<const RangeFunction> heights{};
 
   bool spherical() const { return kind == BaseKind::sphere; }
   /// Half a circle over phi from 0 to pi, two arcs of 90 degrees: the joint lies on the equator whatever band is
   /// covered, so that sums can be gathered before it is known.
   static const BaseArcs& meridian();
   static constexpr double kMeridianEnd = 2;
-  /// z or w of a point of the base frame that is not the centre.
+  /// Height over the plane z = 0 of the base frame. @pre a cylinder
+  double z_mm(double theta_rad, double along) const;
+  /// The coordinate along at a height, also beyond the band. @pre a cylinder
+  double along_at(double theta_rad, double z_mm) const;
+  /// The coordinate along of a point of the base frame that is not the centre.
   double along_of(const Eigen::Vector3d& p_B) const;
   /// r or rho of a point of the base frame.
   double range_of(const Eigen::Vector3d& p_B) const;
@@ -58,6 +69,6 @@ SurfacePoint pole_point(const BaseSurface& base, double along, const RangeDeriva
 
 /// Cosine of the angle between the surface's normal and the ray: e_g = e_p cos_psi.
 /// @pre on a sphere, not at a pole
-double cos_psi(const BaseSurface& base, double along, double r_mm, double r_theta, double r_along);
+double cos_psi(const BaseSurface& base, double theta_rad, double along, double r_mm, double r_theta, double r_along);
 
 }  // namespace celadon

@@ -8,9 +8,10 @@
 namespace celadon {
 namespace {
 
-std::vector<double> z_breaks(const RangeFunction& f) {
+std::vector<double> breaks_along(const RangeFunction& f) {
   std::vector<double> z = breaks_of(f.knots_u()).values;
   const BaseSurface& base = f.base();
+  if (base.spherical()) return z;
   for (double& t : z) t = (1 - t) * base.band_start + t * base.band_end;
   return z;
 }
@@ -68,8 +69,9 @@ std::vector<Conversion> conversions(const std::vector<double>& knots, int degree
 
 void BezierPatches::add(const RangeFunction& f, double sign) {
   const BaseSurface& base = f.base();
-  std::vector<double> u = z_;
-  for (double& t : u) t = (t - base.band_start) / (base.band_end - base.band_start);
+  std::vector<double> u = along_;
+  if (!base.spherical())
+    for (double& t : u) t = (t - base.band_start) / (base.band_end - base.band_start);
   const auto along_u = conversions(f.knots_u(), f.degree_u(), degree_u_, u);
   const auto along_v = conversions(f.knots_v(), f.degree_v(), degree_v_, v_);
   patches_.resize(along_u.size() * along_v.size(), IntervalMatrix::Zero(degree_u_ + 1, degree_v_ + 1));
@@ -82,8 +84,7 @@ void BezierPatches::add(const RangeFunction& f, double sign) {
 
 BezierPatches::BezierPatches(const RangeFunction& f)
     : arcs_(f.base().arcs), degree_u_(f.degree_u()), degree_v_(f.degree_v()) {
-  require_cylinder(f, "BezierPatches");
-  z_ = merged(z_breaks(f), {}, f.base().band_start, f.base().band_end);
+  along_ = merged(breaks_along(f), {}, f.base().band_start, f.base().band_end);
   v_ = merged(breaks_of(f.knots_v()).values, joints(arcs_), 0, arcs_.count());
   add(f, 1);
 }
@@ -92,15 +93,15 @@ BezierPatches::BezierPatches(const RangeFunction& a, const RangeFunction& b)
     : arcs_(a.base().arcs),
       degree_u_(std::max(a.degree_u(), b.degree_u())),
       degree_v_(std::max(a.degree_v(), b.degree_v())) {
-  require_cylinder(a, "BezierPatches");
-  require_cylinder(b, "BezierPatches");
+  if (a.base().kind != b.base().kind || a.base().heights != b.base().heights)
+    throw std::invalid_argument("BezierPatches: the two functions are over different bases");
   if (a.base().X_WB.matrix() != b.base().X_WB.matrix() || arcs_ != b.base().arcs) {
     throw std::invalid_argument("BezierPatches: the two functions have different frames or arcs");
   }
   const double lo = std::max(a.base().band_start, b.base().band_start);
   const double hi = std::min(a.base().band_end, b.base().band_end);
-  if (!(lo < hi)) throw std::invalid_argument("BezierPatches: the two bands have no height in common");
-  z_ = merged(z_breaks(a), z_breaks(b), lo, hi);
+  if (!(lo < hi)) throw std::invalid_argument("BezierPatches: the two bands have nothing in common");
+  along_ = merged(breaks_along(a), breaks_along(b), lo, hi);
   std::vector<double> v = breaks_of(a.knots_v()).values;
   const std::vector<double> of_b = breaks_of(b.knots_v()).values;
   v.insert(v.end(), of_b.begin(), of_b.end());

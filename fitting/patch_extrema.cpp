@@ -90,8 +90,8 @@ class Search {
 Extremum largest(const BezierPatches& all, double sign, double width_mm) {
   Search search(width_mm);
   for (std::size_t j = 0; j + 1 < all.v().size(); ++j)
-    for (std::size_t i = 0; i + 1 < all.z_mm().size(); ++i)
-      search.push(sign * all.patch(i, j), all.z_mm()[i], all.z_mm()[i + 1], all.v()[j], all.v()[j + 1]);
+    for (std::size_t i = 0; i + 1 < all.along().size(); ++i)
+      search.push(sign * all.patch(i, j), all.along()[i], all.along()[i + 1], all.v()[j], all.v()[j + 1]);
   return search.largest(all.arcs());
 }
 

@@ -6,10 +6,10 @@
 
 namespace celadon {
 
-/// A value that is taken at (theta, z), and what no point of all passes, to the rounding of the coefficients.
+/// A value that is taken at (theta, along), and what no point of all passes, to the rounding of the coefficients.
 struct Extremum {
   double value_mm = 0, bound_mm = 0;
-  double theta_rad = 0, z_mm = 0;
+  double theta_rad = 0, along = 0;  ///< along as BaseSurface says
 };
 
 struct Extrema {

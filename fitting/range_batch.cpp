@@ -15,6 +15,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numbers>
 
 namespace celadon {
 namespace {
@@ -112,9 +113,10 @@ template <int kOrder, int kWidth, int kDegree>
 void evaluate_all(const RangeBatch& all, const Batch& batch) {
   const D d;
   const int p = all.degree_u();
-  const V zero = hn::Zero(d), one = hn::Set(d, 1.0), two = hn::Set(d, 2.0);
+  const V one = hn::Set(d, 1.0), two = hn::Set(d, 2.0);
   const V per_sine = hn::Set(d, 1 / all.sine()), bulge = hn::Set(d, all.bulge());
-  const V z_start = hn::Set(d, all.z_start_mm()), per_height = hn::Set(d, all.per_height());
+  const V origin = hn::Set(d, all.origin()), per_unit = hn::Set(d, all.per_unit());
+  const V u_start = hn::Set(d, all.u_start()), u_end = hn::Set(d, all.u_end());
   RangeBatch::Cell cell = all.cell_at(0, 0);
   HWY_ALIGN double tail_v[kLanes], tail_z[kLanes], tail_out[kLanes];
   for (std::size_t k = 0; k < batch.n; k += kLanes) {
@@ -128,9 +130,9 @@ void evaluate_all(const RangeBatch& all, const Batch& batch) {
       from_v = tail_v, from_z = tail_z;
     }
     const V v = hn::LoadU(d, from_v);
-    V u = hn::Mul(hn::Sub(hn::LoadU(d, from_z), z_start), per_height);
-    u = hn::IfThenElse(hn::Lt(u, zero), zero, hn::IfThenElse(hn::Gt(u, one), one, u));  // not-a-number stays
-    const auto local_of = [&](V at, V origin, V scale) { return hn::Sub(hn::Mul(hn::Sub(at, origin), scale), one); };
+    V u = hn::Mul(hn::Sub(hn::LoadU(d, from_z), origin), per_unit);
+    u = hn::IfThenElse(hn::Lt(u, u_start), u_start, hn::IfThenElse(hn::Gt(u, u_end), u_end, u));  // not-a-number stays
+    const auto local_of = [&](V at, V start, V scale) { return hn::Sub(hn::Mul(hn::Sub(at, start), scale), one); };
 
     Local<kOrder> local;
     V scale_u, scale_v;
@@ -168,7 +170,7 @@ void evaluate_all(const RangeBatch& all, const Batch& batch) {
     if constexpr (kOrder > 0) {
       const V eta = hn::Sub(v, hn::Floor(v)), rest = hn::Sub(one, eta);
       const V v_theta = hn::Mul(hn::Sub(one, hn::Mul(bulge, hn::Mul(eta, rest))), per_sine);
-      const V t_theta = hn::Mul(scale_v, v_theta), s_z = hn::Mul(scale_u, per_height);
+      const V t_theta = hn::Mul(scale_v, v_theta), s_z = hn::Mul(scale_u, per_unit);
       put(hn::Mul(local.f[1], t_theta), batch.out.r_theta);
       put(hn::Mul(local.f_s[0], s_z), batch.out.r_z);
       if constexpr (kOrder > 1) {
@@ -235,10 +237,12 @@ RangeBatch::RangeBatch(const RangeFunction& f)
       along_v_(breaks_of(f.knots_v()).values),
       degree_u_(f.degree_u()),
       degree_v_(f.degree_v()),
-      per_height_(1 / (f.base().band_end - f.base().band_start)),
+      origin_(f.base().spherical() ? 0 : f.base().band_start),
+      per_unit_(f.base().spherical() ? 1 : 1 / (f.base().band_end - f.base().band_start)),
+      u_start_(f.knots_u().front()),
+      u_end_(f.knots_u().back()),
       sine_(2 * std::sin(f.base().arcs.arc_rad() / 2)),
       bulge_(4 * std::pow(std::sin(f.base().arcs.arc_rad() / 4), 2)) {
-  require_cylinder(f, "RangeBatch");
   const IntervalBasis basis_u(f.knots_u(), degree_u_), basis_v(f.knots_v(), degree_v_);
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const auto powers = [](const IntervalBasis& basis, int interval) {
@@ -257,11 +261,21 @@ RangeBatch::RangeBatch(const RangeFunction& f)
     }
 }
 
-void RangeBatch::evaluate(const double* v, const double* z_mm, std::size_t n, const DerivativeArrays& out) const {
-  HWY_DYNAMIC_DISPATCH(evaluate_batch)(*this, {v, z_mm, n, out});
+void RangeBatch::evaluate(const double* v, const double* along, std::size_t n, const DerivativeArrays& out) const {
+  HWY_DYNAMIC_DISPATCH(evaluate_batch)(*this, {v, along, n, out});
 }
 
-void RangeBatch::surface_points(const double* theta_rad, const double* z_mm, std::size_t n,
+SurfacePoint RangeBatch::pole(double along) const {
+  RangeDerivatives at[3];
+  for (int k = 0; k < 3; ++k) {
+    const double theta = k * std::numbers::pi / 4, v = base_.arcs.v_of_theta(theta);
+    RangeDerivatives& r = at[k];
+    evaluate(&v, &along, 1, {&r.r_mm, &r.r_theta, &r.r_z, &r.r_theta_theta, &r.r_theta_z, &r.r_z_z});
+  }
+  return pole_point(base_, along, at);
+}
+
+void RangeBatch::surface_points(const double* theta_rad, const double* along, std::size_t n,
                                 SurfacePoint* points) const {
   constexpr std::size_t kBlock = 256;
   std::array<double, kBlock> v, r, r_theta, r_z, r_theta_theta, r_theta_z, r_z_z;
@@ -270,10 +284,14 @@ void RangeBatch::surface_points(const double* theta_rad, const double* z_mm, std
   for (std::size_t first = 0; first < n; first += kBlock) {
     const std::size_t m = std::min(kBlock, n - first);
     base_.arcs.synchronise(theta_rad + first, m, v.data());
-    evaluate(v.data(), z_mm + first, m, arrays);
+    evaluate(v.data(), along + first, m, arrays);
     for (std::size_t k = 0; k < m; ++k) {
-      const double z = std::clamp(z_mm[first + k], base_.band_start, base_.band_end);
-      points[first + k] = surface_point(base_, theta_rad[first + k], z,
+      const double at = std::clamp(along[first + k], base_.band_start, base_.band_end);
+      if (base_.spherical() && (at == 0 || at == BaseSurface::kMeridianEnd)) {
+        points[first + k] = pole(at);
+        continue;
+      }
+      points[first + k] = surface_point(base_, theta_rad[first + k], at,
                                         {r[k], r_theta[k], r_z[k], r_theta_theta[k], r_theta_z[k], r_z_z[k]});
     }
   }

@@ -49,11 +49,12 @@ class IntervalTable {
 class RangeBatch {
  public:
   explicit RangeBatch(const RangeFunction& function);
-  /// At (v, z), v as BaseArcs gives it; outside the band the rim's; from the right at breaks. Arrays of length n.
-  void evaluate(const double* v, const double* z_mm, std::size_t n, const DerivativeArrays& out) const;
-  /// Positions, normals and principal curvatures at (theta, z) of the base frame, as RangeFunction::surface_point gives
-  /// them. Arrays of length n.
-  void surface_points(const double* theta_rad, const double* z_mm, std::size_t n, SurfacePoint* points) const;
+  /// At (v, along), v as BaseArcs gives it and `along` as BaseSurface says (r_z is the slope along it); outside the
+  /// band the rim's; from the right at breaks. Arrays of length n.
+  void evaluate(const double* v, const double* along, std::size_t n, const DerivativeArrays& out) const;
+  /// Positions, normals and principal curvatures at (theta, along), as RangeFunction::surface_point gives them. Arrays
+  /// of length n.
+  void surface_points(const double* theta_rad, const double* along, std::size_t n, SurfacePoint* points) const;
 
   /// What the kernels read.
   struct Cell {
@@ -79,18 +80,22 @@ class RangeBatch {
   int degree_v() const { return degree_v_; }
   /// 4 up to degree 3 in v, else 8; zeros beyond the degree.
   int width() const { return degree_v_ <= 3 ? 4 : 8; }
-  double z_start_mm() const { return base_.band_start; }
-  double per_height() const { return per_height_; }
+  /// u = (along - origin) per_unit, within [u_start, u_end].
+  double origin() const { return origin_; }
+  double per_unit() const { return per_unit_; }
+  double u_start() const { return u_start_; }
+  double u_end() const { return u_end_; }
   /// theta'(v) = sine / W, W = 1 - bulge eta (1 - eta), eta the part of v behind the joint.
   double sine() const { return sine_; }
   double bulge() const { return bulge_; }
 
  private:
+  SurfacePoint pole(double along) const;
   BaseSurface base_;
   IntervalTable along_u_, along_v_;
   int degree_u_, degree_v_;
   std::size_t rows_, stride_;
-  double per_height_, sine_, bulge_;
+  double origin_, per_unit_, u_start_, u_end_, sine_, bulge_;
   AlignedVector<double> coefficients_;
 };
 

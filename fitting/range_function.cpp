@@ -163,6 +163,8 @@ RangeFunction RangeFunction::clipped(double start, double end) const {
 void require_cylinder(const RangeFunction& function, const char* what) {
   if (function.base().spherical())
     throw std::invalid_argument(std::string(what) + ": the range is over a sphere, not over a cylinder");
+  if (function.base().heights)
+    throw std::invalid_argument(std::string(what) + ": the rims of the cylinder are not plane");
 }
 
 RangeFunction::Membership RangeFunction::membership(const Eigen::Vector3d& p_W) const {
@@ -175,7 +177,7 @@ RangeFunction::Membership RangeFunction::membership(const Eigen::Vector3d& p_W) 
   const RangeDerivatives slopes = beside == along ? f : derivatives(theta, beside);
   return {.in_band = along >= base_.band_start && along <= base_.band_end,
           .ray_mm = ray_mm,
-          .signed_distance_mm = ray_mm * cos_psi(base_, beside, slopes.r_mm, slopes.r_theta, slopes.r_z)};
+          .signed_distance_mm = ray_mm * cos_psi(base_, theta, beside, slopes.r_mm, slopes.r_theta, slopes.r_z)};
 }
 
 }  // namespace celadon

@@ -55,7 +55,8 @@ class RangeFunction {
   Eigen::MatrixXd padded_;  // coefficients with zero rows and columns for the padding of the bases
 };
 
-/// For what is made for cylinders only. @throws std::invalid_argument naming `what` if the base is a sphere
+/// For what is made for cylinders with plane rims only. @throws std::invalid_argument naming `what` if the base is
+/// another
 void require_cylinder(const RangeFunction& function, const char* what);
 
 }  // namespace celadon

@@ -86,9 +86,57 @@ HWY_EXPORT(move_block);
 HWY_EXPORT(distances);
 }  // namespace
 
+// Of the points of a block: the coordinates on the base, F there, and its slopes as those over a cylinder's theta and
+// z.
+struct SignedDistance::Places {
+  Block v{}, r{}, along{}, f{}, f_theta{}, f_z{};
+};
+
 SignedDistance::SignedDistance(const RangeFunction& f)
     : base_(f.base()), in_scanner_frame_(f.base().X_WB.matrix() == Eigen::Matrix4d::Identity()), batch_(f) {
   if (!base_.arcs.closed()) throw std::invalid_argument("SignedDistance: the arcs are open");
+  if (base_.heights) heights_.emplace(*base_.heights);
+}
+
+// psi on a sphere: tan^2 = (F_w w_phi/F)^2 + (F_theta/(F sin phi))^2. At a pole the slopes are those beside it.
+void SignedDistance::along_meridian(Places& at, std::size_t n, bool slopes) const {
+  constexpr double kBeside = 1e-7;
+  const BaseArcs& meridian = BaseSurface::meridian();
+  Block off_axis = at.r, beside;
+  meridian.synchronise(at.along.data(), off_axis.data(), n, at.along.data(), at.r.data());
+  batch_.evaluate(at.v.data(), at.along.data(), n, {at.f.data()});
+  if (!slopes) return;
+  for (std::size_t k = 0; k < n; ++k) beside[k] = std::clamp(at.along[k], kBeside, BaseSurface::kMeridianEnd - kBeside);
+  Block unused;
+  batch_.evaluate(at.v.data(), beside.data(), n, {unused.data(), at.f_theta.data(), at.f_z.data()});
+  double phi_w = 1, phi_ww = 0;
+  meridian.theta_derivatives(kBeside, phi_w, phi_ww);
+  const double least_sine = kBeside * phi_w;
+  for (std::size_t k = 0; k < n; ++k) {
+    meridian.theta_derivatives(beside[k], phi_w, phi_ww);
+    at.f_theta[k] /= std::max(off_axis[k] / at.r[k], least_sine);
+    at.f_z[k] /= phi_w * at.f[k];
+  }
+}
+
+// t along by linear heights H between the rims: F_z = F_t/H_t, F_theta at one height = F_theta - F_z H_theta.
+void SignedDistance::between_rims(const double* z, Places& at, std::size_t n, bool slopes) const {
+  const double a = base_.heights->base().band_start, b = base_.heights->base().band_end;
+  Block place, lower, lower_theta, upper, upper_theta, unused;
+  place.fill(a);
+  heights_->evaluate(at.v.data(), place.data(), n,
+                     {lower.data(), slopes ? lower_theta.data() : nullptr, unused.data()});
+  place.fill(b);
+  heights_->evaluate(at.v.data(), place.data(), n,
+                     {upper.data(), slopes ? upper_theta.data() : nullptr, unused.data()});
+  for (std::size_t k = 0; k < n; ++k) at.along[k] = a + (z[k] - lower[k]) / (upper[k] - lower[k]) * (b - a);
+  batch_.evaluate(at.v.data(), at.along.data(), n, {at.f.data(), slopes ? at.f_theta.data() : nullptr, at.f_z.data()});
+  if (!slopes) return;
+  for (std::size_t k = 0; k < n; ++k) {
+    const double share = (at.along[k] - a) / (b - a);
+    at.f_z[k] *= (b - a) / (upper[k] - lower[k]);
+    at.f_theta[k] -= at.f_z[k] * ((1 - share) * lower_theta[k] + share * upper_theta[k]);
+  }
 }
 
 void SignedDistance::measure(const double* x, const double* y, const double* z, std::size_t n, double* result,
@@ -99,7 +147,9 @@ void SignedDistance::measure(const double* x, const double* y, const double* z, 
     for (int j = 0; j < 3; ++j) motion.R[i][j] = X_BW.linear()(i, j);
     motion.t[i] = X_BW.translation()[i];
   }
-  Block p[3] = {}, padded[3] = {}, v{}, r{}, f{}, f_theta{}, f_z{};
+  Block p[3] = {}, padded[3] = {};
+  Places at;
+  const Slopes of_f{slopes ? at.f_theta.data() : nullptr, at.f_z.data()};
   for (std::size_t first = 0; first < n; first += kBlock) {
     const std::size_t m = std::min(kBlock, n - first);
     const double *at_x = x + first, *at_y = y + first, *at_z = z + first;
@@ -110,18 +160,26 @@ void SignedDistance::measure(const double* x, const double* y, const double* z, 
       HWY_DYNAMIC_DISPATCH(move_block)(motion, padded[0], padded[1], padded[2], p);
       at_x = p[0].data(), at_y = p[1].data(), at_z = p[2].data();
     }
-    base_.arcs.synchronise(at_x, at_y, m, v.data(), r.data());
-    batch_.evaluate(v.data(), at_z, m, {f.data(), slopes ? f_theta.data() : nullptr, f_z.data()});
-    const Slopes of_f{slopes ? f_theta.data() : nullptr, f_z.data()};
+    base_.arcs.synchronise(at_x, at_y, m, at.v.data(), at.r.data());
+    const double* along = at.along.data();
+    if (base_.spherical()) {
+      std::copy(at_z, at_z + m, at.along.begin());
+      along_meridian(at, m, slopes);
+    } else if (heights_) {
+      between_rims(at_z, at, m, slopes);
+    } else {
+      along = at_z;
+      batch_.evaluate(at.v.data(), at_z, m, {at.f.data(), slopes ? at.f_theta.data() : nullptr, at.f_z.data()});
+    }
     if (m < kBlock) {  // whole vectors: what lies beyond the points is not copied out
-      std::copy(at_z, at_z + m, padded[2].begin());
+      std::copy(along, along + m, padded[2].begin());
       Block tail;
       HWY_DYNAMIC_DISPATCH(distances)
-      (r.data(), f.data(), of_f, padded[2].data(), base_.band_start, base_.band_end, kBlock, tail.data());
+      (at.r.data(), at.f.data(), of_f, padded[2].data(), base_.band_start, base_.band_end, kBlock, tail.data());
       std::copy(tail.begin(), tail.begin() + static_cast<std::ptrdiff_t>(m), result + first);
     } else {
       HWY_DYNAMIC_DISPATCH(distances)
-      (r.data(), f.data(), of_f, at_z, base_.band_start, base_.band_end, kBlock, result + first);
+      (at.r.data(), at.f.data(), of_f, along, base_.band_start, base_.band_end, kBlock, result + first);
     }
   }
 }

@@ -1,6 +1,6 @@
 #include "fitting/solid_properties.h"
 
-#include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -91,24 +91,17 @@ class Integrator {
     return total;
   }
 
-  // The disc within row i of control points: cones from its centre to the rim. Outward to the left of the rim's
-  // direction at the end of u, to the right at its start.
-  Total disc(int i) const {
+  // What closes row i of control points: rays from its centre to the rim, a disc if that is plane. Outward to the left
+  // of the rim's direction at the end of u, to the right at its start.
+  Total cap(int i) const {
     Total total;
     const Eigen::Matrix4Xd rim = points_.middleCols(Eigen::Index{i} * surface_.count_v(), surface_.count_v());
     const Eigen::Matrix3Xd at = rim.topRows<3>().array().rowwise() / rim.row(3).array();
-    const Eigen::Vector3d centre = at.rowwise().mean();
-    const Eigen::Matrix3Xd from_centre = at.colwise() - centre;
-    if (from_centre.colwise().norm().maxCoeff() < 1e-12) return total;  // a pole
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> shape(from_centre * from_centre.transpose());
-    const Eigen::Vector3d normal = shape.eigenvectors().col(0);
-    const double off = (normal.transpose() * from_centre).cwiseAbs().maxCoeff();
-    if (off > 1e-9) {
-      refuse("the rim at the " + std::string(i == 0 ? "start" : "end") + " of u is not plane, off by " +
-             std::to_string(off) + " of the body's size");
-    }
+    // The last point is the first one again.
+    const Eigen::Vector3d centre = at.leftCols(at.cols() - 1).rowwise().mean();
+    if ((at.colwise() - centre).colwise().norm().maxCoeff() < 1e-12) return total;  // a pole
     const std::vector<double> v = breaks_of(surface_.knots_v).values;
-    const Rim along{rim, centre, normal, i == 0 ? -1.0 : 1.0};
+    const Rim along{rim, centre, i == 0 ? -1.0 : 1.0};
     for (std::size_t j = 0; j + 1 < v.size(); ++j) add_sector(along, v[j], v[j + 1], 0, total);
     return total;
   }
@@ -116,7 +109,7 @@ class Integrator {
  private:
   struct Rim {
     Eigen::Matrix4Xd points;
-    Eigen::Vector3d centre, normal;
+    Eigen::Vector3d centre;
     double sign;
   };
 
@@ -182,7 +175,7 @@ class Integrator {
         const double s = 0.5 * (1 + out.nodes[k]);
         add_flux(m, rim.centre + s * reach, 0.5 * out.weights[k] * s * rim.centre.dot(turned));
       }
-      m[kArea] = 0.5 * turned.dot(rim.normal);
+      m[kArea] = 0.5 * turned.norm();
       sum.add(v.weights[b], m);
     }
     return sum;
@@ -227,11 +220,11 @@ SolidProperties solid_properties(const NurbsSurface& surface) {
   points.topRows<3>() = ((at.colwise() - middle) / size).array().rowwise() * surface.control_points.row(3).array();
   const Integrator integrator(surface, std::move(points));
   const Total lateral = integrator.lateral();
-  const Total start = integrator.disc(0), end = integrator.disc(surface.count_u() - 1);
+  const Total start = integrator.cap(0), end = integrator.cap(surface.count_u() - 1);
 
   Moments sum = lateral.value + start.value + end.value;
   const Moments error = lateral.error + start.error + end.error;
-  const double area = lateral.value[kArea] + std::abs(start.value[kArea]) + std::abs(end.value[kArea]);
+  const double area = lateral.value[kArea] + start.value[kArea] + end.value[kArea];
   SolidProperties solid;
   solid.v_cross_u_outward = sum[0] > 0;
   if (!solid.v_cross_u_outward) sum = -sum;
@@ -244,8 +237,8 @@ SolidProperties solid_properties(const NurbsSurface& surface) {
   second = second / 5 - volume * centroid * centroid.transpose();
   solid.volume_mm3 = volume * std::pow(size, 3);
   solid.lateral_area_mm2 = lateral.value[kArea] * size * size;
-  solid.start_disc_area_mm2 = std::abs(start.value[kArea]) * size * size;
-  solid.end_disc_area_mm2 = std::abs(end.value[kArea]) * size * size;
+  solid.start_cap_area_mm2 = start.value[kArea] * size * size;
+  solid.end_cap_area_mm2 = end.value[kArea] * size * size;
   solid.centroid_mm = middle + size * centroid;
   solid.inertia_mm5 = std::pow(size, 5) * (second.trace() * Eigen::Matrix3d::Identity() - second);
   solid.relative_error = std::max({error[0] / 3 / volume, error.segment<3>(1).maxCoeff() / 4 / volume,

@@ -60,7 +60,8 @@ PartErrors measure_part(const Judged& judged, ProfileStream& profiles) {
       }
       const double residual = to_surface.residual[k];
       errors.missed.along_ray.add(residual);
-      const double geometric = residual * cos_psi(base, z, to_surface.r[k], to_surface.r_theta[k], to_surface.r_z[k]);
+      const double geometric =
+          residual * cos_psi(base, p->theta_rad[k], z, to_surface.r[k], to_surface.r_theta[k], to_surface.r_z[k]);
       errors.missed.geometric.add(geometric);
       errors.map.add(pass.v()[k], z, geometric);
     }

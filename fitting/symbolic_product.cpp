@@ -6,6 +6,7 @@
 #include <string>
 
 #include "fitting/arc_product.h"
+#include "fitting/common_knots.h"
 #include "fitting/knots.h"
 #include "fitting/nurbs_surface.h"
 #include "fitting/range_function.h"
@@ -46,15 +47,27 @@ Eigen::VectorXd weights(const ArcProduct& product) {
 
 NurbsSurface symbolic_product(const RangeFunction& range) {
   const BaseSurface& base = range.base();
-  const Matrix& f = range.coefficients();
+  Matrix f = range.coefficients();
   if (f.size() == 0) throw std::invalid_argument("symbolic_product: an empty range function");
   const bool closed = base.arcs.closed();
   if (closed && (f.col(0) - f.col(f.cols() - 1)).cwiseAbs().maxCoeff() > 1e-9 * f.cwiseAbs().maxCoeff()) {
     throw std::invalid_argument("symbolic_product: F is not closed, F(0) differs from F(" +
                                 std::to_string(base.arcs.count()) + ")");
   }
-  const int p = range.degree_u(), q = range.degree_v();
-  const ArcProduct around(base.arcs, q, range.knots_v());
+  const int p = range.degree_u();
+  int q = range.degree_v();
+  std::vector<double> knots_v = range.knots_v();
+  Matrix rims;  // the heights of both, coefficients around
+  if (base.heights) {
+    const RangeFunction heights = base.heights->clipped(base.band_start, base.band_end);
+    SplineRows z{heights.degree_v(), heights.knots_v(), heights.coefficients()}, r{q, std::move(knots_v), std::move(f)};
+    share_knots(r, z);
+    q = r.degree;
+    knots_v = r.knots;
+    f = std::move(r.coefficients);
+    rims = std::move(z.coefficients);
+  }
+  const ArcProduct around(base.arcs, q, knots_v);
   NurbsSurface surface;
   surface.degree_v = q + 2;
   surface.knots_v = around.knots;
@@ -83,7 +96,11 @@ NurbsSurface symbolic_product(const RangeFunction& range) {
     // Z is linear in u (B.3): its coefficients in any degree are its values at the nodes.
     const std::vector<double> nodes = greville_abscissae(surface.knots_u, surface.degree_u);
     const Eigen::Map<const Eigen::ArrayXd> u(nodes.data(), rows);
-    Z = ((1 - u) * base.band_start + u * base.band_end).matrix() * w_v.transpose();
+    if (base.heights) {
+      Z = along_v(around, q, &ArcColumn::wf, closed, (1 - u).matrix() * rims.row(0) + u.matrix() * rims.row(1));
+    } else {
+      Z = ((1 - u) * base.band_start + u * base.band_end).matrix() * w_v.transpose();
+    }
     W = Eigen::VectorXd::Ones(rows) * w_v.transpose();
   }
 

@@ -1,6 +1,7 @@
 #include "daemon/cli/body_fit.h"
 
 #include <algorithm>
+#include <cstdio>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -11,6 +12,7 @@
 #include "fitting/flat_ends.h"
 #include "fitting/moved_stream.h"
 #include "fitting/own_frame.h"
+#include "fitting/rims.h"
 #include "fitting/spherical_stream.h"
 #include "fitting/symmetry.h"
 
@@ -18,6 +20,7 @@ namespace celadon::cli {
 namespace {
 
 constexpr std::size_t kFlatPoints = 24000;
+constexpr double kMuch = 0.02;  // of the height, cut at a rim
 
 // One sector of the body from all samples, and the whole of it from that.
 tl::expected<RangeFit, FitError> fit_symmetric(ProfileStream& samples, const Symmetry& symmetry,
@@ -61,10 +64,27 @@ tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStr
   }
   if (setting.symmetry.any()) return fit_symmetric_body(samples, options, setting, notes);
   const bool sphere = shape.shape == BodyShape::sphere;
-  std::vector<std::unique_ptr<SphericalStream>> spherical;
+  std::shared_ptr<const RangeFunction> heights;
+  if (setting.follow_rims) {
+    auto rims = find_rims(samples, options);
+    if (!rims) return tl::make_unexpected(rims.error().message);
+    heights = rims->heights;
+    char text[160];
+    std::snprintf(
+        text, sizeof text,
+        "The rims follow the ends of the samples, which scatter by %.2g mm below and %.2g mm above; %.1f %% of "
+        "the samples lie beyond them.",
+        rims->lower_scatter_mm, rims->upper_scatter_mm, 100 * rims->share_beyond);
+    notes.warnings.push_back(text);
+    setting.lap("rims");
+  }
+  std::vector<std::unique_ptr<ProfileStream>> on_base;
   std::vector<ProfileStream*> whole(parts.begin(), parts.end());
-  for (ProfileStream*& part : whole)
-    if (sphere) part = spherical.emplace_back(std::make_unique<SphericalStream>(*part, shape.centre_z_mm)).get();
+  for (ProfileStream*& part : whole) {
+    if (sphere) on_base.push_back(std::make_unique<SphericalStream>(*part, shape.centre_z_mm));
+    if (heights) on_base.push_back(std::make_unique<RimmedStream>(*part, heights));
+    if (sphere || heights) part = on_base.back().get();
+  }
   JoinedStream stream(whole);
   options.base = sphere ? BaseKind::sphere : BaseKind::cylinder;
   const auto grid = choose_grid(stream, options);
@@ -74,8 +94,10 @@ tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStr
   setting.lap("accumulate");
   auto surface = fit_surface(gathered.sums, gathered.look, whole, options, run_on_all_cores);
   if (!surface) return tl::make_unexpected(surface.error().message);
-  if (auto own = setting.off_centre_rule ? fit_in_own_frame(*surface, gathered.look, whole, options, run_on_all_cores)
-                                         : std::nullopt) {
+  if (heights) put_between_rims(surface->fit, heights);
+  if (auto own = setting.off_centre_rule && !heights
+                     ? fit_in_own_frame(*surface, gathered.look, whole, options, run_on_all_cores)
+                     : std::nullopt) {
     notes.about_scanner_axis = surface->fit.report;
     notes.own_axis = own->frame;
     notes.warnings.insert(notes.warnings.end(), own->frame.warnings.begin(), own->frame.warnings.end());
@@ -86,6 +108,9 @@ tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStr
   Eigen::Isometry3d X_WB = setting.X_WL;
   if (sphere) X_WB.translate(Eigen::Vector3d(0, 0, shape.centre_z_mm));
   if (!X_WB.matrix().isIdentity(0)) place(fitted, X_WB);
+  const double cut_mm = std::max(fitted.report.cut_below_mm, fitted.report.cut_above_mm);
+  if (!sphere && !heights && cut_mm > kMuch * (fitted.report.z_end_mm - fitted.report.z_start_mm))
+    notes.warnings.push_back("If the object ends on a rim that is not plane, --rims follow keeps what was cut.");
   setting.lap("fit");
   return BodyFit{std::move(fitted)};
 }
@@ -113,7 +138,9 @@ bool BodyFit::wall_is_round() const {
 }
 
 std::optional<Eigen::Isometry3d> BodyFit::better_axis() const {
-  return wall() == nullptr || wall_is_round() ? std::nullopt : axis_of_sections(wall()->function);
+  return wall() == nullptr || wall_is_round() || !wall()->function.base().arcs.closed()
+             ? std::nullopt
+             : axis_of_sections(wall()->function);
 }
 
 tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
@@ -127,7 +154,8 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
   for (ProfileStream* part : parts)
     wall_parts.push_back(walls.emplace_back(std::make_unique<WallStream>(*part, ends)).get());
   JoinedStream wall(wall_parts);
-  if (shape.shape != BodyShape::cylinder) return fit_wall(shape, wall, wall_parts, options, setting, notes);
+  if (shape.shape != BodyShape::cylinder || setting.follow_rims)
+    return fit_wall(shape, wall, wall_parts, options, setting, notes);
   // The wall goes on to its faces; where it does not, it ends where its samples do.
   RangeFitOptions to_faces = options;
   if (ends.lower) to_faces.reach_start = ends.lower->height_mm;

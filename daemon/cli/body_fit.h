@@ -34,6 +34,7 @@ struct FitSetting {
   Eigen::Isometry3d X_WL = Eigen::Isometry3d::Identity();  ///< samples are in L, surfaces in W
   bool off_centre_rule = false;                            ///< a part may be fitted about its own axis
   SymmetryRequest symmetry{};                              ///< of a body over a cylinder
+  bool follow_rims = false;                                ///< its ends need not be plane
   std::function<void(const char* stage)> lap;              ///< ends a stage
 };
 

@@ -90,12 +90,23 @@ int evaluate(const EvaluateArguments& arguments) {
   } else {
     return fail(2, std::string(option) + " '" + asked + "' is neither a list a,b,c nor a range first:step:last");
   }
+  for (const double angle : *angles_deg) {
+    if (!base.arcs.contains(angle / kDegrees)) {
+      char text[256];
+      const double from = base.arcs.start_rad() * kDegrees;
+      std::snprintf(text, sizeof text,
+                    "angle %g degrees is outside the surface's part of the turn, %.6f .. %.6f; it is "
+                    "never extrapolated",
+                    angle, from, from + base.arcs.count() * base.arcs.arc_rad() * kDegrees);
+      return fail(2, text);
+    }
+  }
   if (angles_deg->size() * places.size() > kMostValues) {
     return fail(2, std::to_string(angles_deg->size() * places.size()) + " points are more than " +
                        std::to_string(kMostValues) + "; ask for fewer");
   }
   for (const double place : places) {
-    if (place < start || place > end) {
+    if (!base.heights && (place < start || place > end)) {
       char text[256];
       std::snprintf(text, sizeof text,
                     spherical
@@ -110,15 +121,25 @@ int evaluate(const EvaluateArguments& arguments) {
   csv += ",x_mm,y_mm,z_mm,normal_x,normal_y,normal_z,curvature_max_per_mm,curvature_min_per_mm";
   csv += piece.deviation ? ",sd_mm\n" : "\n";
   for (const double place : places) {
-    const double z = !spherical     ? place
-                     : place == end ? base.band_end
-                                    : BaseSurface::meridian().v_of_theta(place / kDegrees);
     for (const double angle : *angles_deg) {
       const double theta = angle * std::numbers::pi / 180;
+      // Heights that were not asked for run from rim to rim.
+      const double z = spherical ? (place == end ? base.band_end : BaseSurface::meridian().v_of_theta(place / kDegrees))
+                       : asked.empty() ? place
+                                       : base.along_at(theta, place);
+      const double shown_place = base.heights && asked.empty() ? base.z_mm(theta, z) : place;
+      if (base.heights && !asked.empty() && (z < base.band_start || z > base.band_end)) {
+        char text[256];
+        std::snprintf(text, sizeof text,
+                      "height %g mm is outside the surface's band %.6f .. %.6f mm at %g degrees; it is never "
+                      "extrapolated",
+                      place, base.z_mm(theta, base.band_start), base.z_mm(theta, base.band_end), angle);
+        return fail(2, text);
+      }
       const SurfacePoint point = function.surface_point(theta, z);
       char row[512];
-      std::snprintf(row, sizeof row, "%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g", angle, place,
-                    function(theta, z), point.p_W.x(), point.p_W.y(), point.p_W.z(), point.normal_W.x(),
+      std::snprintf(row, sizeof row, "%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g", angle,
+                    shown_place, function(theta, z), point.p_W.x(), point.p_W.y(), point.p_W.z(), point.normal_W.x(),
                     point.normal_W.y(), point.normal_W.z(), point.curvature_max, point.curvature_min);
       csv += row;
       if (piece.deviation) {

@@ -1,10 +1,13 @@
 // celadon fit: a cloud or native samples to an exact surface and its files.
 
 #include <algorithm>
+#include <cmath>
+#include <cstdlib>
 #include <filesystem>
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <optional>
 
 #include <CLI/CLI.hpp>
@@ -22,6 +25,8 @@
 #include "daemon/results.h"
 #include "daemon/usage_error.h"
 #include "fitting/composite_fit.h"
+#include "fitting/covered_angles.h"
+#include "fitting/even_points.h"
 #include "fitting/range_fit.h"
 #include "fitting/shape_choice.h"
 #include "fitting/spherical_stream.h"
@@ -29,10 +34,12 @@
 namespace celadon::cli {
 namespace {
 
+constexpr std::size_t kAnglePoints = 24000;
+
 struct FitArguments {
   std::string input, turned_over, raised, axis = "auto", unit = "mm", shape = "cylinder", model = "auto",
-                                          space = "curvature", name, date, report;
-  std::vector<std::string> outputs;
+                                          space = "curvature", rims = "plane", name, date, report;
+  std::vector<std::string> outputs, angles;
   double tolerance_mm = 0, form_tolerance_mm = -1, fair_mm = 0, chord_mm = 0;
   std::optional<double> centre_z_mm, split_above_mm, split_below_mm, lift_mm;
   std::vector<int> degree = {3, 3}, knots;
@@ -83,6 +90,23 @@ tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, P
   return named;
 }
 
+// The part of the turn as it was named, or as the samples cover it.
+tl::expected<BaseArcs, std::string> angles_of(const std::vector<std::string>& named, ProfileStream& samples) {
+  if (named.empty()) return BaseArcs::full_circle();
+  if (named.size() == 1 && named[0] == "auto") return covered_angles(even_points(samples, kAnglePoints));
+  double degrees[2] = {0, 0};
+  for (std::size_t k = 0; k < named.size() && named.size() == 2; ++k) {
+    char* end = nullptr;
+    degrees[k] = std::strtod(named[k].c_str(), &end);
+    if (named[k].empty() || *end != 0 || !std::isfinite(degrees[k])) degrees[0] = degrees[1] = 0;
+  }
+  const double range = degrees[1] - degrees[0];
+  if (!(range > 0 && range <= 360))
+    return tl::make_unexpected("--angles '" + named[0] + (named.size() == 2 ? " " + named[1] : "") +
+                               "' is neither auto nor two angles FROM TO in degrees, up to 360 apart");
+  return BaseArcs::open(degrees[0] * std::numbers::pi / 180, range * std::numbers::pi / 180);
+}
+
 // What the options say together; empty: nothing is wrong.
 std::string contradiction(const FitArguments& arguments) {
   const bool sphere = arguments.shape == "sphere";
@@ -97,6 +121,19 @@ std::string contradiction(const FitArguments& arguments) {
            "them out or change the shape";
   if (symmetry_of(arguments.known).any() && !(arguments.grid.empty() && arguments.write_grid.empty()))
     return "--symmetry and --mirror do not go with a grid of the whole turn; leave them or the grid out";
+  if (!arguments.angles.empty() &&
+      (arguments.shape == "composite" || arguments.shape == "auto" || arguments.rims == "follow" ||
+       symmetry_of(arguments.known).any() || !arguments.grid.empty() || !arguments.write_grid.empty() ||
+       !arguments.turned_over.empty() || !arguments.raised.empty()))
+    return "--angles is for one surface over a cylinder or a sphere with plane rims, in one pose; leave out what else "
+           "was "
+           "asked for";
+  if (arguments.rims == "follow") {
+    if (arguments.shape != "cylinder") return "--rims follow is for --shape cylinder; leave it out or change the shape";
+    if (arguments.known.any() || arguments.partial || !arguments.grid.empty() || !arguments.write_grid.empty() ||
+        !arguments.turned_over.empty() || !arguments.raised.empty())
+      return "--rims follow does not go with a grid, a second pose, symmetry or what is held; leave them or it out";
+  }
   if (!arguments.grid.empty())
     for (const char* fixed : {"--shape", "--split-above", "--split-below", "--centre-z", "--axis", "--degree",
                               "--knots", "--write-grid", "--turned-over", "--raised"})
@@ -210,9 +247,13 @@ int fit(const FitArguments& arguments) {
     if (!shape) return tl::make_unexpected(shape.error());
     notes.shape_reason = shape->reason;
     if (!shape->reason.empty()) lap("shape");
+    const auto arcs = angles_of(arguments.angles, input->samples());
+    if (!arcs) return tl::make_unexpected(arcs.error());
+    options.arcs = *arcs;
     FitSetting setting{.X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity(),
                        .off_centre_rule = native && !arguments.axis_named && arguments.turned_over.empty(),
                        .symmetry = symmetry_of(arguments.known),
+                       .follow_rims = arguments.rims == "follow",
                        .lap = lap};
     return fit_shape(*shape, input->samples(), input->parts(), options, setting, notes);
   };
@@ -269,6 +310,8 @@ int fit(const FitArguments& arguments) {
     return problem(fitted.error() + " (" + std::to_string(input->skipped()) +
                    " points have NaN or infinite coordinates and do not count)");
   }
+  if (!fitted && arguments.angles.empty() && !covered_angles(even_points(input->samples(), kAnglePoints)).closed())
+    return problem(fitted.error() + ". A part of the turn alone is fitted with --angles auto");
   if (!fitted) return problem(fitted.error());
   if (!arguments.write_grid.empty()) return write_grid(arguments, *fitted, cloud);
 
@@ -330,6 +373,17 @@ void add_fit_command(CLI::App& program, Run& run) {
   add_model_options(*command, arguments->model, arguments->tolerance_mm, arguments->form_tolerance_mm,
                     arguments->space);
   add_constraint_options(*command, arguments->known);
+  command
+      ->add_option(
+          "--angles", arguments->angles,
+          "part of the turn to fit, counter-clockwise: FROM TO [degrees], or auto: what the samples cover; the "
+          "surface\nis open around then, a shell in CAD files")
+      ->expected(1, 2);
+  command
+      ->add_option("--rims", arguments->rims,
+                   "ends of a body over a cylinder: plane, across the axis where the samples end first; or follow, as "
+                   "the\nsamples end all around")
+      ->check(CLI::IsMember({"plane", "follow"}));
   command
       ->add_option(
           "--axis", arguments->axis,

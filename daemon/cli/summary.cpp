@@ -143,6 +143,10 @@ std::string summary_of(const json& report) {
     text += line("  solid       %s, %d faces, %.2f cm3", report["solid"]["valid"].get<bool>() ? "valid" : "NOT VALID",
                  report["solid"]["faces"].get<int>(), report["solid"]["volume_mm3"].get<double>() / 1000);
   }
+  if (report.contains("shell") && report["shell"].is_object()) {
+    text += line("  shell       %s, %d face, open around: no solid",
+                 report["shell"]["valid"].get<bool>() ? "valid" : "NOT VALID", report["shell"]["faces"].get<int>());
+  }
   for (const auto& warning : report["warnings"]) text += "  note        " + warning.get<std::string>() + "\n";
   return text;
 }

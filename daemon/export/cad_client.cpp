@@ -292,7 +292,8 @@ tl::expected<CadResult, std::string> CadWorker::write_step(std::span<const Nurbs
   if (const auto written = write_file_atomically(file, answer.message.payload); !written) {
     return tl::make_unexpected(written.error().message);
   }
-  return CadResult{head.value("volume_mm3", 0.0), head.value("valid", false), head.value("faces", 0)};
+  return CadResult{head.value("volume_mm3", 0.0), head.value("valid", false), head.value("faces", 0),
+                   head.value("closed", true)};
 }
 
 tl::expected<CadResult, std::string> write_step(std::span<const NurbsSurface> walls, const fs::path& file,

@@ -31,10 +31,11 @@ struct CadResult {
   double volume_mm3 = 0;
   bool valid = false;
   int faces = 0;
+  bool closed = true;  ///< a solid; else a shell of no volume
 };
 
 /// Writes a closed solid of positive volume: the exact walls, bottom to top, and what closes the ends, named and
-/// coloured as assumed unless it was measured.
+/// coloured as assumed unless it was measured. A single wall that is open around is a shell of one face.
 /// Written beside `file`, synced and renamed. Errors: one sentence with the remedy.
 tl::expected<CadResult, std::string> write_step(std::span<const NurbsSurface> walls, const std::filesystem::path& file,
                                                 const CadOptions& options);

@@ -89,7 +89,8 @@ CadMessage answer(const tl::expected<CadMessage, std::string>& message) {
   // If daemon and limit are gone, nobody ends a computation that does not end.
   ::alarm(static_cast<unsigned>(std::max(1, request->options.time_limit_s)) + 1);
   try {
-    const auto body = solid_of_walls(request->walls);
+    const bool open = request->walls.size() == 1 && !request->walls.front().closed_v;
+    const auto body = open ? shell_of_wall(request->walls.front()) : solid_of_walls(request->walls);
     if (!body) {
       return failure(body.error());
     }
@@ -97,7 +98,10 @@ CadMessage answer(const tl::expected<CadMessage, std::string>& message) {
     if (!text) {
       return failure(text.error());
     }
-    return {{{"volume_mm3", body->volume_mm3}, {"valid", true}, {"faces", body->walls.size() + body->caps.size()}},
+    return {{{"volume_mm3", body->volume_mm3},
+             {"valid", true},
+             {"faces", body->walls.size() + body->caps.size()},
+             {"closed", body->closed}},
             std::move(*text)};
   } catch (const Standard_Failure& error) {
     return failure(std::string("OpenCASCADE: ") + error.DynamicType()->Name() + ": " + error.GetMessageString());

@@ -95,14 +95,15 @@ void prepare_step() {
   STEPControl_Controller::Init();
 }
 
-tl::expected<std::string, std::string> step_text(const WallSolid& body, const CadOptions& options) {
+tl::expected<std::string, std::string> step_text(const WallBody& body, const CadOptions& options) {
   STEPControl_Writer writer;
   Interface_Static::SetIVal("write.step.schema", options.ap214 ? 4 : 5);
   Interface_Static::SetCVal("write.step.unit", "MM");
   Interface_Static::SetIVal("write.surfacecurve.mode", 1);
   writer.Model(true);
-  if (writer.Transfer(body.solid, STEPControl_ManifoldSolidBrep) != IFSelect_RetDone) {
-    return tl::make_unexpected(std::string("OpenCASCADE could not turn the solid into STEP entities"));
+  const auto mode = body.closed ? STEPControl_ManifoldSolidBrep : STEPControl_ShellBasedSurfaceModel;
+  if (writer.Transfer(body.shape, mode) != IFSelect_RetDone) {
+    return tl::make_unexpected(std::string("OpenCASCADE could not turn the body into STEP entities"));
   }
   const Handle(XSControl_WorkSession) session = writer.WS();
   const Handle(Transfer_FinderProcess) finder = session->TransferWriter()->FinderProcess();
@@ -116,8 +117,8 @@ tl::expected<std::string, std::string> step_text(const WallSolid& body, const Ca
     const std::string name = std::string(cap.name) + (known ? " (measured)" : " (assumed)");
     dressed = dressed && dress(styles, finder, cap.face, name.c_str(), known ? measured : assumed);
   }
-  const Handle(StepRepr_RepresentationItem) solid = STEPConstruct::FindEntity(finder, body.solid);
-  const Handle(StepRepr_RepresentationContext) context = styles.FindContext(body.solid);
+  const Handle(StepRepr_RepresentationItem) solid = STEPConstruct::FindEntity(finder, body.shape);
+  const Handle(StepRepr_RepresentationContext) context = styles.FindContext(body.shape);
   if (!dressed || solid.IsNull() || context.IsNull()) {
     return tl::make_unexpected(std::string("OpenCASCADE lost track of a face while writing STEP entities"));
   }

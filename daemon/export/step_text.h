@@ -14,6 +14,6 @@ void prepare_step();
 
 /// The whole file. Same body and options give the same bytes.
 /// @pre prepare_step() was called; called once a process (OpenCASCADE numbers what it writes)
-tl::expected<std::string, std::string> step_text(const WallSolid& body, const CadOptions& options);
+tl::expected<std::string, std::string> step_text(const WallBody& body, const CadOptions& options);
 
 }  // namespace celadon

@@ -17,6 +17,7 @@
 #include <TopoDS.hxx>
 #include <TopoDS_Edge.hxx>
 #include <TopoDS_Shell.hxx>
+#include <TopoDS_Solid.hxx>
 #include <TopoDS_Vertex.hxx>
 #include <TopoDS_Wire.hxx>
 #include <algorithm>
@@ -24,116 +25,11 @@
 #include <optional>
 #include <sstream>
 
+#include "daemon/export/wall_surface.h"
 #include "daemon/export/wall_volume.h"
 
 namespace celadon {
 namespace {
-
-/// OpenCASCADE's own confusion distance; also the uncertainty written into the file.
-constexpr double tolerance_mm = 1e-7;
-
-std::string number(double value) {
-  std::ostringstream text;
-  text.precision(6);
-  text << value;
-  return text.str();
-}
-
-/// Distinct knots with their multiplicities.
-struct KnotTable {
-  std::vector<double> values;
-  std::vector<int> multiplicities;
-  explicit KnotTable(const std::vector<double>& knots) {
-    for (const double knot : knots) {
-      if (values.empty() || knot > values.back()) {
-        values.push_back(knot);
-        multiplicities.push_back(0);
-      }
-      ++multiplicities.back();
-    }
-  }
-  TColStd_Array1OfReal knots() const {
-    TColStd_Array1OfReal array(1, static_cast<int>(values.size()));
-    std::copy(values.begin(), values.end(), array.begin());
-    return array;
-  }
-  TColStd_Array1OfInteger counts() const {
-    TColStd_Array1OfInteger array(1, static_cast<int>(multiplicities.size()));
-    std::copy(multiplicities.begin(), multiplicities.end(), array.begin());
-    return array;
-  }
-};
-
-std::optional<std::string> knot_problem(const char* direction, const std::vector<double>& knots, int degree) {
-  if (!std::all_of(knots.begin(), knots.end(), [](double knot) { return std::isfinite(knot); }) ||
-      !std::is_sorted(knots.begin(), knots.end())) {
-    return std::string("the knots in ") + direction + " are not ascending finite numbers";
-  }
-  const KnotTable table(knots);
-  for (std::size_t i = 0; i < table.values.size(); ++i) {
-    const bool end = i == 0 || i + 1 == table.values.size();
-    if (end ? table.multiplicities[i] != degree + 1 : table.multiplicities[i] > degree) {
-      return std::string("the knot ") + number(table.values[i]) + " in " + direction + " has multiplicity " +
-             std::to_string(table.multiplicities[i]) + " at degree " + std::to_string(degree);
-    }
-  }
-  return std::nullopt;
-}
-
-std::optional<std::string> wall_problem(const NurbsSurface& wall) {
-  if (auto problem = knot_problem("u", wall.knots_u, wall.degree_u)) {
-    return problem;
-  }
-  if (auto problem = knot_problem("v", wall.knots_v, wall.degree_v)) {
-    return problem;
-  }
-  for (Eigen::Index i = 0; i < wall.control_points.cols(); ++i) {
-    const Eigen::Vector4d point = wall.control_points.col(i);
-    if (!point.allFinite() || !(point.w() > 1e-12)) {
-      return "control point " + std::to_string(i) + " is not finite or its weight is not positive";
-    }
-  }
-  if (!wall.closed_v) {
-    return "the wall is open around the axis; only closed walls make a solid";
-  }
-  for (int i = 0; i < wall.count_u(); ++i) {
-    const Eigen::Vector4d first = wall.control_point(i, 0);
-    const Eigen::Vector4d last = wall.control_point(i, wall.count_v() - 1);
-    const double gap = (first.head<3>() / first.w() - last.head<3>() / last.w()).norm();
-    if (gap > tolerance_mm) {
-      return "the wall does not close: its row " + std::to_string(i) + " of control points ends " + number(gap) +
-             " mm from its start";
-    }
-  }
-  return std::nullopt;
-}
-
-Handle(Geom_BSplineSurface) surface_of(const NurbsSurface& wall) {
-  TColgp_Array2OfPnt poles(1, wall.count_u(), 1, wall.count_v());
-  TColStd_Array2OfReal weights(1, wall.count_u(), 1, wall.count_v());
-  for (int i = 0; i < wall.count_u(); ++i) {
-    for (int j = 0; j < wall.count_v(); ++j) {
-      const Eigen::Vector4d point = wall.control_point(i, j);
-      poles(i + 1, j + 1) = gp_Pnt(point.x() / point.w(), point.y() / point.w(), point.z() / point.w());
-      weights(i + 1, j + 1) = point.w();
-    }
-  }
-  const KnotTable u(wall.knots_u);
-  const KnotTable v(wall.knots_v);
-  return new Geom_BSplineSurface(poles, weights, u.knots(), v.knots(), u.counts(), v.counts(), wall.degree_u,
-                                 wall.degree_v);
-}
-
-bool is_pole(const NurbsSurface& wall, int row) {
-  const Eigen::Vector4d first = wall.control_point(row, 0);
-  for (int j = 1; j < wall.count_v(); ++j) {
-    const Eigen::Vector4d other = wall.control_point(row, j);
-    if ((first.head<3>() / first.w() - other.head<3>() / other.w()).norm() > tolerance_mm) {
-      return false;
-    }
-  }
-  return true;
-}
 
 /// An end of a wall: its rim, or the edge without length of a pole, and the seam's point on it.
 struct WallEnd {
@@ -252,11 +148,7 @@ class WallBuilder {
     if (!plane || off_plane <= tolerance_mm) {
       return plane;
     }
-    if (outward_) {
-      return fan(edge, last);
-    }
-    return tl::make_unexpected(std::string("the ") + name_of(last) + " rim leaves its plane by " + number(off_plane) +
-                               " mm; a disc cannot close it: clip the wall at one height");
+    return fan(edge, last);
   }
 
   /// The plane disc on a rim, of use if no control point lies off the plane. Its edge has the rim's control points,
@@ -369,6 +261,22 @@ class WallBuilder {
   WallEnd first_, last_;
 };
 
+std::optional<std::string> closing_problem(const NurbsSurface& wall) {
+  if (!wall.closed_v) {
+    return "the wall is open around the axis; only closed walls make a solid";
+  }
+  for (int i = 0; i < wall.count_u(); ++i) {
+    const Eigen::Vector4d first = wall.control_point(i, 0);
+    const Eigen::Vector4d last = wall.control_point(i, wall.count_v() - 1);
+    const double gap = (first.head<3>() / first.w() - last.head<3>() / last.w()).norm();
+    if (gap > tolerance_mm) {
+      return "the wall does not close: its row " + std::to_string(i) + " of control points ends " + number(gap) +
+             " mm from its start";
+    }
+  }
+  return std::nullopt;
+}
+
 /// Walls share a rim where the control points of both are the same.
 std::optional<std::string> gap_between(const NurbsSurface& below, bool below_outward, const NurbsSurface& above,
                                        bool above_outward) {
@@ -389,14 +297,17 @@ std::optional<std::string> gap_between(const NurbsSurface& below, bool below_out
 
 }  // namespace
 
-tl::expected<WallSolid, std::string> solid_of_walls(std::span<const NurbsSurface> walls) {
+tl::expected<WallBody, std::string> solid_of_walls(std::span<const NurbsSurface> walls) {
   if (walls.empty()) {
     return tl::make_unexpected(std::string("there is no wall"));
   }
-  WallSolid body;
+  WallBody body;
   std::vector<WallBuilder> builders;
   for (const NurbsSurface& wall : walls) {
     if (auto problem = wall_problem(wall)) {
+      return tl::make_unexpected(std::move(*problem));
+    }
+    if (auto problem = closing_problem(wall)) {
       return tl::make_unexpected(std::move(*problem));
     }
     // Discs on the rims that walls share cancel.
@@ -435,9 +346,11 @@ tl::expected<WallSolid, std::string> solid_of_walls(std::span<const NurbsSurface
     body.caps.push_back(*cap);
   }
   shell.Closed(true);
-  builder.MakeSolid(body.solid);
-  builder.Add(body.solid, shell);
-  if (!BRepCheck_Analyzer(body.solid).IsValid()) {
+  TopoDS_Solid solid;
+  builder.MakeSolid(solid);
+  builder.Add(solid, shell);
+  body.shape = solid;
+  if (!BRepCheck_Analyzer(solid).IsValid()) {
     return tl::make_unexpected(std::string("OpenCASCADE finds the solid invalid"));
   }
   return body;

@@ -1,9 +1,10 @@
 #pragma once
-// The solid of OpenCASCADE around walls that are closed around, one above the other, and a cap on each end that is no
-// pole; topology built directly.
+// The body of OpenCASCADE around walls: of those that are closed around, one above the other, a solid with a cap on
+// each end that is no pole; of one that is open around, a shell. Topology built directly.
 
 #include <TopoDS_Face.hxx>
-#include <TopoDS_Solid.hxx>
+#include <TopoDS_Shape.hxx>
+#include <optional>
 #include <span>
 #include <string>
 #include <tl/expected.hpp>
@@ -19,8 +20,9 @@ struct NamedFace {
 };
 
 /// The faces are oriented as they lie in the solid.
-struct WallSolid {
-  TopoDS_Solid solid;
+struct WallBody {
+  TopoDS_Shape shape;            ///< a solid, or the shell of a wall that is open around
+  bool closed = true;            ///< it is a solid
   std::vector<NamedFace> walls;  ///< "wall"; of several "body" (over a cylinder) and "head" (over a sphere)
   std::vector<NamedFace> caps;   ///< not measured: "bottom", "top"
   double volume_mm3 = 0;
@@ -28,11 +30,15 @@ struct WallSolid {
 
 /// The exact surfaces as given (no re-approximation), a seam with two pcurves at v's start, rims that are the exact
 /// isoparametric curves u = start and u = end, shared by walls that meet there and by the caps; an end whose control
-/// points coincide is a pole with a degenerate edge and no cap. Walls over a cylinder (S_u x S_v inward) are capped by
-/// plane discs; those over a sphere (outward) by fans where the rim is not plane. README.md, "The solid".
-/// @param walls from bottom to top
-/// Errors: a wall that is not closed in v, not finite, without positive weights, over a cylinder with a rim that is not
-/// plane, walls that do not meet, or what OpenCASCADE finds invalid; the sentence says what and where.
-tl::expected<WallSolid, std::string> solid_of_walls(std::span<const NurbsSurface> walls);
+/// points coincide is a pole with a degenerate edge and no cap. Caps are plane discs, and fans where the rim is not
+/// plane. README.md, "The solid".
+/// @param walls from bottom to top; S_u x S_v points inward on those over a cylinder, outward on those over a sphere
+/// Errors: a wall that is not closed in v, not finite, without positive weights, walls that do not meet, or what
+/// OpenCASCADE finds invalid; the sentence says what and where.
+tl::expected<WallBody, std::string> solid_of_walls(std::span<const NurbsSurface> walls);
+
+/// The shell of one face over a wall that is open around: its sides are the exact isoparametric curves at both ends of
+/// v, its outward normal points away from its own middle. Errors: as above; or a wall that is closed around.
+tl::expected<WallBody, std::string> shell_of_wall(const NurbsSurface& wall);
 
 }  // namespace celadon

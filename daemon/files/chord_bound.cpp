@@ -98,6 +98,8 @@ void RangeBounds::widen(const RangeBounds& other) {
   r_z = std::max(r_z, other.r_z);
   r_theta_z = std::max(r_theta_z, other.r_theta_z);
   r_zz = std::max(r_zz, other.r_zz);
+  r_theta = std::max(r_theta, other.r_theta);
+  r_theta_theta = std::max(r_theta_theta, other.r_theta_theta);
 }
 
 BoundTable::BoundTable(const RangeFunction& range) {
@@ -159,6 +161,8 @@ BoundTable::BoundTable(const RangeFunction& range) {
       bounds.r_max = largest(bezier);
       bounds.bend =
           bend_bound(f_vv.minCoeff(), f_vv.maxCoeff(), f_v, v1_min, v1_max, v2, bezier.minCoeff(), bezier.maxCoeff());
+      bounds.r_theta = f_v * v1_max;
+      bounds.r_theta_theta = bend_bound(f_vv.minCoeff(), f_vv.maxCoeff(), f_v, v1_min, v1_max, v2, 0, 0);
       bounds.slope_max = f_v * v1_max / std::max(bezier.minCoeff(), 1e-3 * bounds.r_max);
       bounds.r_z = largest(derivative(1, 0)) / height;
       bounds.r_theta_z = largest(derivative(1, 1)) * v1_max / height;
@@ -194,6 +198,30 @@ double chord_bound_mm(const RangeBounds& bounds, const CellCorners& corners, dou
     worst = std::max(worst, bound / share);
   }
   return worst;
+}
+
+HeightBounds height_bounds(const BaseSurface& base) {
+  if (!base.heights) {
+    return {};
+  }
+  const BoundTable table(*base.heights);
+  RangeBounds all;
+  for (std::size_t i = 0; i + 1 < table.z_mm().size(); ++i) {
+    for (std::size_t j = 0; j + 1 < table.theta_rad().size(); ++j) {
+      all.widen(table.at(i, j));
+    }
+  }
+  return {all.r_theta, all.r_theta_theta, all.r_theta_z};
+}
+
+double height_bound_mm(const HeightBounds& heights, const CellCorners& corners, double h_theta_rad, double h_along_mm) {
+  // A triangle's point is a mean of its corners; so is its coordinate along, and its angle nearly: off by the
+  // covariance of weights r and angles, and by what a chord's angle differs from its share.
+  const auto [least, most] = std::minmax({corners.r00, corners.r10, corners.r01, corners.r11});
+  const double angle = h_theta_rad * (most - least) / (4 * least) + h_theta_rad * h_theta_rad * h_theta_rad / 12;
+  // Linear interpolation: half the second derivatives times the variances within the cell.
+  return heights.theta * angle +
+         (heights.theta_theta * h_theta_rad * h_theta_rad + 2 * heights.theta_along * h_theta_rad * h_along_mm) / 8;
 }
 
 }  // namespace celadon

@@ -9,12 +9,14 @@ namespace celadon {
 
 /// Bounds that hold on a piece of the parameter rectangle.
 struct RangeBounds {
-  double r_max = 0;      ///< |r|
-  double bend = 0;       ///< |r_thetatheta - r|
-  double slope_max = 0;  ///< |r_theta / r|
-  double r_z = 0;        ///< |r_z|
-  double r_theta_z = 0;  ///< |r_thetaz|
-  double r_zz = 0;       ///< |r_zz|
+  double r_max = 0;          ///< |r|
+  double bend = 0;           ///< |r_thetatheta - r|
+  double slope_max = 0;      ///< |r_theta / r|
+  double r_z = 0;            ///< |r_z|
+  double r_theta_z = 0;      ///< |r_thetaz|
+  double r_zz = 0;           ///< |r_zz|
+  double r_theta = 0;        ///< |r_theta|
+  double r_theta_theta = 0;  ///< |r_thetatheta|
   void widen(const RangeBounds& other);
 };
 
@@ -48,5 +50,15 @@ struct CellCorners {
 /// No point of the wall over the cell is further than this from the two triangles that share the diagonal 00 - 11.
 /// Infinite where nothing can be proved. @pre 0 < h_theta_rad < pi
 double chord_bound_mm(const RangeBounds& bounds, const CellCorners& corners, double h_theta_rad, double h_z_mm);
+
+/// Bounds on the derivatives of a base's heights, all over it; 0 where its rims are plane.
+struct HeightBounds {
+  double theta = 0, theta_theta = 0, theta_along = 0;  ///< |z_theta|, |z_thetatheta|, |z_theta along|
+};
+HeightBounds height_bounds(const BaseSurface& base);
+
+/// By how much the height of the wall and of the triangles differ where they are seen at the same angle and coordinate
+/// along: what adds to chord_bound_mm where the rims are not plane.
+double height_bound_mm(const HeightBounds& heights, const CellCorners& corners, double h_theta_rad, double h_along_mm);
 
 }  // namespace celadon

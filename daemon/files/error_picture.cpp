@@ -147,7 +147,9 @@ std::string axes(const PieceErrors& piece, double top, double height) {
     svg += print("<path d=\"M%.1f %.1fv5\" stroke=\"#333\"/>\n", x, top + height) +
            label(x, top + height + 18, "middle", print("%g", t), 12);
   }
-  const std::string name = base.spherical() ? "polar angle, degrees" : "height, mm";
+  const std::string name = base.spherical() ? "polar angle, degrees"
+                           : base.heights   ? "height, mm, rims drawn level"
+                                            : "height, mm";
   svg += print("<g transform=\"translate(20 %.1f) rotate(-90)\">", top + height / 2) + label(0, 0, "middle", name) +
          "</g>\n";
   return svg;

@@ -20,11 +20,12 @@ constexpr int kFewestColumns = 16;
 using Rows = std::vector<std::vector<Eigen::Vector3d>>;
 
 Rows rows_of(const RangeFunction& wall, const WallGrid& grid) {
-  Rows rows(grid.z_mm.size());
+  Rows rows(grid.along.size());
   for (std::size_t i = 0; i < rows.size(); ++i) {
     for (std::size_t j = 0; j < grid.around(); ++j) {
       const double r = grid.r(i, j), theta = grid.theta_rad[j];
-      rows[i].push_back(wall.base().X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta), grid.z_mm[i]));
+      rows[i].push_back(wall.base().X_WB * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta),
+                                                           wall.base().z_mm(theta, grid.along[i])));
     }
   }
   return rows;
@@ -86,10 +87,13 @@ std::string one_line(const std::string& text) {
 }  // namespace
 
 TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_mm) {
+  const bool open = pieces.size() == 1 && !pieces.front()->base().arcs.closed();
+  if (open && pieces.front()->base().spherical())
+    throw std::invalid_argument("mesh_of: meshes of a part of the turn are made of walls over a cylinder only");
   const auto wall = std::find_if(pieces.begin(), pieces.end(), [](const auto* p) { return !p->base().spherical(); });
   if (!(chord_mm > 0) || pieces.empty() ||
-      !std::all_of(pieces.begin(), pieces.end(), [](const auto* p) { return p->base().arcs.closed(); })) {
-    throw std::invalid_argument("mesh_of: the chord tolerance must be positive and the wall closed around the axis");
+      !(open || std::all_of(pieces.begin(), pieces.end(), [](const auto* p) { return p->base().arcs.closed(); }))) {
+    throw std::invalid_argument("mesh_of: the chord tolerance must be positive and a body of pieces closed around");
   }
   MeshRows body;
   if (wall == pieces.end()) {
@@ -106,7 +110,7 @@ TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_
     if (parts > 1) {
       auto theta = columns(parts);
       theta.push_back(grid.theta_rad.back());
-      grid = wall_grid(**wall, std::move(theta), std::move(grid.z_mm));
+      grid = wall_grid(**wall, std::move(theta), std::move(grid.along));
     }
     const auto same_columns = [&](int) { return cut(grid.theta_rad, 1); };
     for (const RangeFunction* piece : pieces) {
@@ -117,6 +121,8 @@ TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_
       body.rows.insert(body.rows.end(), std::make_move_iterator(first), std::make_move_iterator(rows.end()));
     }
   }
+  body.closed = !open;
+  if (open) return mesh_of_rows(body);
   body.bottom = close(body.rows, *pieces.front(), false);
   body.top = close(body.rows, *pieces.back(), true);
   return mesh_of_rows(body);

@@ -1,5 +1,5 @@
 #pragma once
-// A closed body as rows of points, one above the other, and the triangles between them.
+// A body, or a wall that is open around, as rows of points, one above the other, and the triangles between them.
 
 #include <Eigen/Core>
 #include <vector>
@@ -11,8 +11,9 @@ namespace celadon {
 /// Rows from bottom to top, the same number of points in each, counter-clockwise seen from above; `bottom` and `top`
 /// are what the first and the last row run together in: a pole, or the middle of a cap.
 struct MeshRows {
-  Eigen::Vector3d bottom, top;
+  Eigen::Vector3d bottom = Eigen::Vector3d::Zero(), top = bottom;
   std::vector<std::vector<Eigen::Vector3d>> rows;
+  bool closed = true;  ///< rows run around, and the ends are closed; else nothing joins their ends
 };
 
 /// Every cell between two rows is two triangles that share the diagonal from its lower start to its upper end.

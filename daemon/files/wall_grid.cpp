@@ -73,15 +73,15 @@ std::vector<std::pair<std::size_t, std::size_t>> touched(const std::vector<doubl
 
 // The ranges at all points of a grid's lines.
 void fill(const RangeFunction& range, WallGrid& grid) {
-  const std::size_t count = grid.around() * grid.z_mm.size();
+  const std::size_t count = grid.around() * grid.along.size();
   std::vector<double> theta(count);
-  std::vector<double> z(count);
+  std::vector<double> along(count);
   for (std::size_t k = 0; k < count; ++k) {
     theta[k] = grid.theta_rad[k % grid.around()];
-    z[k] = grid.z_mm[k / grid.around()];
+    along[k] = grid.along[k / grid.around()];
   }
   grid.r_mm.resize(count);
-  range.evaluate(theta.data(), z.data(), count, grid.r_mm.data());
+  range.evaluate(theta.data(), along.data(), count, grid.r_mm.data());
   if (!std::all_of(grid.r_mm.begin(), grid.r_mm.end(), [](double r) { return r > 0; })) {
     throw std::invalid_argument("mesh_of: the range is not positive everywhere");
   }
@@ -89,7 +89,8 @@ void fill(const RangeFunction& range, WallGrid& grid) {
 
 class Mesher {
  public:
-  Mesher(const RangeFunction& range, double chord_mm) : range_(range), chord_mm_(chord_mm), table_(range) {
+  Mesher(const RangeFunction& range, double chord_mm)
+      : range_(range), chord_mm_(chord_mm), table_(range), heights_(height_bounds(range.base())) {
     const std::size_t rows = table_.z_mm().size() - 1;
     const std::size_t columns = table_.theta_rad().size() - 1;
     // Errors of both directions add up: an equal share for each is the cheapest (README.md, "Meshes").
@@ -99,7 +100,7 @@ class Mesher {
       for (std::size_t i = 0; i < rows; ++i) {
         bounds.widen(table_.at(i, j));
       }
-      const double bend = bounds.bend + 2 * bounds.slope_max * bounds.slope_max * bounds.r_max;
+      const double bend = bounds.bend + 2 * bounds.slope_max * bounds.slope_max * bounds.r_max + heights_.theta_theta;
       const double density = std::max(std::sqrt(bend) / unit, 16 / (2 * std::numbers::pi));
       around_.push_back(
           {table_.theta_rad()[j], table_.theta_rad()[j + 1], density, j + 1 < columns && table_.theta_kink()[j]});
@@ -121,9 +122,10 @@ class Mesher {
   WallGrid grid() const {
     for (double scale = 0.7;; scale *= 1.06) {
       WallGrid grid;
+      grid.closed = range_.base().arcs.closed();
       grid.theta_rad = lines(around_, scale);
-      grid.z_mm = lines(upward_, scale);
-      if (static_cast<double>(grid.around()) * static_cast<double>(grid.z_mm.size()) >
+      grid.along = lines(upward_, scale);
+      if (static_cast<double>(grid.around()) * static_cast<double>(grid.along.size()) >
           static_cast<double>(largest_grid)) {
         throw std::length_error(
             "mesh_of: the chord tolerance asks for more than 100 million triangles; take a larger one");
@@ -137,7 +139,7 @@ class Mesher {
 
  private:
   bool proved(const WallGrid& grid) const {
-    const auto rows = touched(grid.z_mm, table_.z_mm());
+    const auto rows = touched(grid.along, table_.z_mm());
     const auto columns = touched(grid.theta_rad, table_.theta_rad());
     for (std::size_t i = 0; i < rows.size(); ++i) {
       for (std::size_t j = 0; j < columns.size(); ++j) {
@@ -149,7 +151,9 @@ class Mesher {
         }
         const CellCorners corners{grid.r(i, j), grid.r(i, j + 1), grid.r(i + 1, j), grid.r(i + 1, j + 1)};
         const double h_theta = grid.theta_rad[j + 1] - grid.theta_rad[j];
-        if (chord_bound_mm(bounds, corners, h_theta, grid.z_mm[i + 1] - grid.z_mm[i]) > chord_mm_) {
+        const double h_along = grid.along[i + 1] - grid.along[i];
+        if (chord_bound_mm(bounds, corners, h_theta, h_along) + height_bound_mm(heights_, corners, h_theta, h_along) >
+            chord_mm_) {
           return false;
         }
       }
@@ -160,6 +164,7 @@ class Mesher {
   const RangeFunction& range_;
   double chord_mm_;
   BoundTable table_;
+  HeightBounds heights_;
   std::vector<Stretch> around_, upward_;
 };
 
@@ -169,8 +174,8 @@ WallGrid wall_grid(const RangeFunction& range, double chord_mm) {
   return Mesher(range, chord_mm).grid();
 }
 
-WallGrid wall_grid(const RangeFunction& range, std::vector<double> theta_rad, std::vector<double> z_mm) {
-  WallGrid grid{std::move(theta_rad), std::move(z_mm), {}};
+WallGrid wall_grid(const RangeFunction& range, std::vector<double> theta_rad, std::vector<double> along) {
+  WallGrid grid{std::move(theta_rad), std::move(along), {}, range.base().arcs.closed()};
   fill(range, grid);
   return grid;
 }

@@ -112,6 +112,57 @@ INSTANTIATE_TEST_SUITE_P(
                       MeshCase{"steep_lobes", steep_lobes(), 0.5, 20000}),
     [](const auto& tested) { return std::string(tested.param.name); });
 
+// Of a part of the turn: one sheet, normals outward.
+TEST(MeshFiles, APartOfTheTurnIsASheet) {
+  BaseSurface base;
+  base.band_end = 40;
+  base.arcs = BaseArcs::open(5, 2.5);
+  Eigen::MatrixXd f = Eigen::MatrixXd::Constant(4, 5, 25);
+  f.row(1) << 26, 24, 23, 26, 25;
+  f.row(3) << 24, 26, 25, 24, 26;
+  const RangeFunction range(base, 3, 3, {0, 0, 0, 0, 1, 1, 1, 1}, {0, 0, 0, 0, 1, 2, 2, 2, 2}, f);
+  const NurbsSurface surface = symbolic_product(range);
+  const Triangles triangles = triangles_of(mesh_of(range, 0.05));
+  EXPECT_FALSE(triangles.watertight());
+  EXPECT_EQ(triangles.euler_characteristic(), 1);
+  double worst = 0;
+  for (int i = 0; i <= 24; ++i)
+    for (int j = 0; j <= 48; ++j) worst = std::max(worst, triangles.distance(surface.evaluate(i / 24.0, 2 * j / 48.0)));
+  EXPECT_LE(worst, 0.05);
+  for (const auto& face : triangles.faces) {
+    const Eigen::Vector3d a = triangles.vertices[face[0]], b = triangles.vertices[face[1]],
+                          c = triangles.vertices[face[2]];
+    EXPECT_GT((b - a).cross(c - a).dot(Eigen::Vector3d(a.x(), a.y(), 0)), 0);
+  }
+}
+
+// Lobes between rims that wave: against points of the exact surface.
+TEST(MeshFiles, RimsThatAreNotPlaneAreFollowedWithinTheTolerance) {
+  RangeFunction range = range_of(testing::lobed(3, 6, 3, 60));
+  BaseSurface base = range.base(), over = base;
+  Eigen::MatrixXd heights(2, range.coefficients().cols());
+  for (Eigen::Index j = 0; j < heights.cols(); ++j) {
+    const double t = 2 * pi * static_cast<double>(j) / static_cast<double>(heights.cols() - 1);
+    heights.col(j) << 4 * std::cos(3 * t), 60 + 9 * std::cos(2 * t + 1);
+  }
+  base.heights =
+      std::make_shared<const RangeFunction>(over, 1, 3, std::vector<double>{0, 0, 1, 1}, range.knots_v(), heights);
+  range = {base, range.degree_u(), range.degree_v(), range.knots_u(), range.knots_v(), range.coefficients()};
+  const NurbsSurface surface = symbolic_product(range);
+  for (const double chord_mm : {0.5, 0.05}) {
+    const Triangles triangles = triangles_of(mesh_of(range, chord_mm));
+    EXPECT_TRUE(triangles.watertight());
+    EXPECT_EQ(triangles.euler_characteristic(), 2);
+    EXPECT_LE(triangles.faces.size(), chord_mm < 0.1 ? 100000u : 20000u);
+    double worst = 0;
+    for (int i = 0; i <= 24; ++i)
+      for (int j = 0; j < 97; ++j)
+        worst = std::max(worst, triangles.distance(surface.evaluate(i / 24.0, 4 * (j + 0.37) / 97)));
+    EXPECT_LE(worst, chord_mm);
+    EXPECT_GT(worst, 0.05 * chord_mm);
+  }
+}
+
 // Three lobes, with both poles, one and none: against points of the exact surface.
 TEST(MeshFiles, BodiesOverASphereAreClosedAndWithinTheirTolerance) {
   BaseSurface base;

@@ -113,6 +113,30 @@ TEST(SurfaceJson, SpheresComeBackToo) {
   }
 }
 
+TEST(SurfaceJson, RimsThatAreNotPlaneComeBackToo) {
+  const RangeFunction plane = sample_fit().function;
+  BaseSurface base = plane.base(), over = base;
+  over.band_start = 4;
+  over.band_end = 66;
+  Eigen::MatrixXd rims(2, 5);
+  rims << 4, 5, 4, 3, 4, 66, 66, 67, 1.0 / 3 + 65, 66;
+  base.heights = std::make_shared<const RangeFunction>(over, 1, 1, plane.knots_u(), plane.knots_v(), rims);
+  const RangeFunction f(base, 1, 1, plane.knots_u(), plane.knots_v(), plane.coefficients());
+  const std::string text = format_surface_json({{{f, symbolic_product(f)}}, "bowl", "", false});
+  const auto back = parse_surface_json(text, "surface.json");
+  ASSERT_TRUE(back) << back.error();
+  ASSERT_TRUE(back->pieces.front().function.base().heights);
+  EXPECT_EQ(back->pieces.front().function.base().heights->coefficients(), rims);
+  EXPECT_EQ(back->pieces.front().function.base().z_mm(1, 65), base.z_mm(1, 65));
+  EXPECT_EQ(format_surface_json(*back), text);
+  json damaged = json::parse(text);
+  damaged["base"]["heights"]["upper_mm"][2] = 3;
+  EXPECT_NE(parse_surface_json(damaged.dump(), "s").error().find("base.heights.upper_mm"), std::string::npos);
+  damaged = json::parse(text);
+  damaged["base"]["heights"]["along"][0] = 6;
+  EXPECT_NE(parse_surface_json(damaged.dump(), "s").error().find("base.heights.along"), std::string::npos);
+}
+
 TEST(SurfaceJson, PiecesComeBackInTheirOrder) {
   SurfaceFile file = sample_file();
   BaseSurface base;

@@ -6,6 +6,7 @@
 #include <numbers>
 #include <random>
 
+#include "fitting/covered_angles.h"
 #include "fitting/range_fit.h"
 #include "tests/fitting/fit_tools.h"
 
@@ -152,6 +153,30 @@ TEST(OpenRange, SumsOfDifferentRangesAreNotMerged) {
   b.arcs = BaseArcs::open(0, 3);
   MomentGrid sums(a);
   EXPECT_THROW(sums.merge(MomentGrid(b)), std::invalid_argument);
+}
+
+TEST(CoveredAngles, AreOutsideTheWidestGap) {
+  std::mt19937_64 random(3);
+  const auto cloud = [&](int n, double from, double to, int strays) {
+    Eigen::Matrix3Xd points(3, n + strays);
+    for (int k = 0; k < n + strays; ++k) {
+      const double t = k < n ? std::uniform_real_distribution<double>(from, to)(random)
+                             : std::uniform_real_distribution<double>(0, 2 * std::numbers::pi)(random);
+      points.col(k) << 30 * std::cos(t), 30 * std::sin(t), 1;
+    }
+    return points;
+  };
+  EXPECT_TRUE(covered_angles(cloud(20000, 0, 2 * std::numbers::pi, 0)).closed());
+  EXPECT_TRUE(covered_angles(cloud(300, 0, 2 * std::numbers::pi, 0)).closed());
+  EXPECT_TRUE(covered_angles(Eigen::Matrix3Xd(3, 0)).closed());
+  for (const double from : {0.2, 2.5, 5.5})
+    for (const double range : {0.5, 1.6, 4.0, 5.9})
+      for (const int strays : {0, 100}) {
+        const BaseArcs arcs = covered_angles(cloud(20000, from, from + range, strays));
+        ASSERT_FALSE(arcs.closed()) << from << " " << range;
+        EXPECT_NEAR(std::remainder(arcs.start_rad() - from, 2 * std::numbers::pi), 0, strays ? 0.02 : 0.005);
+        EXPECT_NEAR(arcs.count() * arcs.arc_rad(), range, strays ? 0.04 : 0.01) << from << " " << range;
+      }
 }
 
 }  // namespace

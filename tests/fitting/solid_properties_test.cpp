@@ -48,8 +48,8 @@ TEST(SolidProperties, Cylinder) {
   const double V = kPi * R * R * h;
   expect_relative(s.volume_mm3, V, 1e-14, "volume");
   expect_relative(s.lateral_area_mm2, 2 * kPi * R * h, 1e-14, "lateral");
-  expect_relative(s.start_disc_area_mm2, kPi * R * R, 1e-14, "start");
-  expect_relative(s.end_disc_area_mm2, kPi * R * R, 1e-14, "end");
+  expect_relative(s.start_cap_area_mm2, kPi * R * R, 1e-14, "start");
+  expect_relative(s.end_cap_area_mm2, kPi * R * R, 1e-14, "end");
   EXPECT_LT((s.centroid_mm - Eigen::Vector3d(0, 0, h / 2)).norm(), 1e-13);
   const double across = V * (3 * R * R + h * h) / 12, axial = V * R * R / 2;
   EXPECT_LT((s.inertia_mm5 - Eigen::Vector3d(across, across, axial).asDiagonal().toDenseMatrix()).norm(),
@@ -115,8 +115,8 @@ TEST(SolidProperties, SphereWithPolesAndItsSegments) {
   const double V = 4 * kPi / 3 * R * R * R;
   expect_relative(whole.volume_mm3, V, 1e-14, "volume");
   expect_relative(whole.area_mm2(), 4 * kPi * R * R, 1e-14, "area");
-  EXPECT_EQ(whole.start_disc_area_mm2, 0);
-  EXPECT_EQ(whole.end_disc_area_mm2, 0);
+  EXPECT_EQ(whole.start_cap_area_mm2, 0);
+  EXPECT_EQ(whole.end_cap_area_mm2, 0);
   EXPECT_LT(whole.centroid_mm.norm(), 1e-14 * R);
   EXPECT_LT((whole.inertia_mm5 - 0.4 * V * R * R * Eigen::Matrix3d::Identity()).norm(), 1e-14 * V * R * R);
   EXPECT_TRUE(whole.v_cross_u_outward);  // u from the south pole to the north
@@ -126,7 +126,7 @@ TEST(SolidProperties, SphereWithPolesAndItsSegments) {
   const double volume = kPi * (R * R * (z1 - z0) - (z1 * z1 * z1 - z0 * z0 * z0) / 3);
   expect_relative(zone.volume_mm3, volume, 1e-14, "zone");
   expect_relative(zone.lateral_area_mm2, 2 * kPi * R * (z1 - z0), 1e-14, "zone's area");
-  expect_relative(zone.end_disc_area_mm2, kPi * (R * R - z1 * z1), 1e-14, "zone's disc");
+  expect_relative(zone.end_cap_area_mm2, kPi * (R * R - z1 * z1), 1e-14, "zone's disc");
   const double first = kPi * (R * R * (z1 * z1 - z0 * z0) / 2 - (std::pow(z1, 4) - std::pow(z0, 4)) / 4);
   expect_relative(zone.centroid_mm.z(), first / volume, 1e-13, "zone's centroid");
 }
@@ -137,8 +137,8 @@ TEST(SolidProperties, TorusSegment) {
     const SolidProperties s = solid_properties(test::torus_segment(R, r, angle));
     expect_relative(s.volume_mm3, kPi * r * r * R * angle, 2e-14, "volume");
     expect_relative(s.lateral_area_mm2, 2 * kPi * r * R * angle, 2e-14, "area");
-    expect_relative(s.start_disc_area_mm2, kPi * r * r, 2e-14, "disc");
-    expect_relative(s.end_disc_area_mm2, kPi * r * r, 2e-14, "disc");
+    expect_relative(s.start_cap_area_mm2, kPi * r * r, 2e-14, "disc");
+    expect_relative(s.end_cap_area_mm2, kPi * r * r, 2e-14, "disc");
     const double out = (R + r * r / (4 * R)) * 2 * std::sin(angle / 2) / angle;
     EXPECT_LT((s.centroid_mm - out * Eigen::Vector3d(std::cos(angle / 2), std::sin(angle / 2), 0)).norm(), 1e-12);
     const double axial = s.volume_mm3 * (R * R + 0.75 * r * r - out * out);
@@ -160,7 +160,7 @@ TEST(SolidProperties, SaysWhichNormalIsOutward) {
   EXPECT_FALSE(after.v_cross_u_outward);
   expect_relative(after.volume_mm3, before.volume_mm3, 1e-14, "volume");
   EXPECT_LT((after.inertia_mm5 - before.inertia_mm5).norm(), 1e-13 * before.inertia_mm5.norm());
-  expect_relative(after.end_disc_area_mm2, before.start_disc_area_mm2, 1e-14, "disc");
+  expect_relative(after.end_cap_area_mm2, before.start_cap_area_mm2, 1e-14, "disc");
 }
 
 // Weights of the circle's arcs changed by rational reparametrisation, up to 1:20 and 1:625: the same body, harder
@@ -246,7 +246,7 @@ RC_GTEST_PROP(SolidProperties, PartsAddUpToTheWhole, (unsigned seed)) {
   const SolidProperties high = solid_properties(symbolic_product(f.clipped(cut, 60)));
   RC_ASSERT(std::abs((low.volume_mm3 + high.volume_mm3) / whole.volume_mm3 - 1) < 1e-13);
   RC_ASSERT(std::abs((low.lateral_area_mm2 + high.lateral_area_mm2) / whole.lateral_area_mm2 - 1) < 1e-12);
-  RC_ASSERT(std::abs(low.end_disc_area_mm2 / high.start_disc_area_mm2 - 1) < 1e-12);
+  RC_ASSERT(std::abs(low.end_cap_area_mm2 / high.start_cap_area_mm2 - 1) < 1e-12);
   const Eigen::Vector3d centroid =
       (low.volume_mm3 * low.centroid_mm + high.volume_mm3 * high.centroid_mm) / whole.volume_mm3;
   RC_ASSERT((centroid - whole.centroid_mm).norm() < 1e-11);
@@ -263,9 +263,6 @@ TEST(SolidProperties, WhatEnclosesNothingIsRefused) {
   NurbsSurface open = test::sphere(10, -0.5, 1.2);
   open.closed_v = false;
   EXPECT_THROW(solid_properties(open), std::invalid_argument);
-  NurbsSurface bent = test::sphere(10, -0.5, 1.2);
-  bent.control_points(2, 1) += 1e-3;  // the first rim
-  EXPECT_THROW(solid_properties(bent), std::invalid_argument);
   NurbsSurface weightless = test::sphere(10, -0.5, 1.2);
   weightless.control_points(3, 4) = 0;
   EXPECT_THROW(solid_properties(weightless), std::invalid_argument);

@@ -166,9 +166,9 @@ TEST(SphereSurfacePoint, OnAnyMeridianOfASphereOffItsCentre) {
       EXPECT_LT((p.normal_W - (p.p_W - centre) / 25).norm(), 1e-6);
       EXPECT_NEAR(p.curvature_max, 1 / 25.0, 1e-6);
       EXPECT_NEAR(p.curvature_min, 1 / 25.0, 1e-6);
-      EXPECT_NEAR(
-          cos_psi(sphere(), w, derivatives(theta, w).r_mm, derivatives(theta, w).r_theta, derivatives(theta, w).r_z),
-          p.normal_W.dot(p.p_W.normalized()), 1e-7);
+      EXPECT_NEAR(cos_psi(sphere(), theta, w, derivatives(theta, w).r_mm, derivatives(theta, w).r_theta,
+                          derivatives(theta, w).r_z),
+                  p.normal_W.dot(p.p_W.normalized()), 1e-7);
     }
   // At the poles the meridians' slopes are one-sided: theta.phi = a cos(theta) + b sin(theta) beyond the pole is the
   // meridian opposite.

@@ -23,13 +23,13 @@ TEST(SurfaceComparison, OfCones) {
   const RangeFunction b(test::band(20, 80), 1, 0, {0, 0, 1, 1}, {0, 4}, Eigen::Vector2d(23, 17));
   const auto c = compare(a, b);
   ASSERT_TRUE(c);
-  EXPECT_EQ(c->z_start_mm, 20);
-  EXPECT_EQ(c->z_end_mm, 50);
+  EXPECT_EQ(c->start, 20);
+  EXPECT_EQ(c->end, 50);
   EXPECT_NEAR(c->largest.value_mm, 3, 1e-13);
   EXPECT_NEAR(c->largest.bound_mm, 3, 1e-13);
-  EXPECT_NEAR(c->largest.z_mm, 20, 1e-13);
+  EXPECT_NEAR(c->largest.along, 20, 1e-13);
   EXPECT_NEAR(c->smallest.value_mm, 0, 1e-13);
-  EXPECT_NEAR(c->smallest.z_mm, 50, 1e-13);
+  EXPECT_NEAR(c->smallest.along, 50, 1e-13);
   EXPECT_NEAR(c->mean_mm, 1.5, 1e-13);
   EXPECT_NEAR(c->rms_mm, std::sqrt(3.0), 1e-13);
   EXPECT_NEAR(c->at_least_mm(), 3, 1e-13);
@@ -45,7 +45,7 @@ TEST(SurfaceComparison, OfRevolutionsOfDifferentDegrees) {
   const double t = std::sqrt(13.0) - 3, top = -1 + 12 * t - 9 * t * t - t * t * t;
   EXPECT_NEAR(c->largest.value_mm, top, 1e-12);
   EXPECT_LT(c->largest.bound_mm - c->largest.value_mm, 1e-11);
-  EXPECT_NEAR(c->largest.z_mm, 60 * t, 1e-3);
+  EXPECT_NEAR(c->largest.along, 60 * t, 1e-3);
   EXPECT_NEAR(c->smallest.value_mm, -1, 1e-13);
   EXPECT_NEAR(c->mean_mm, -1 + 6 - 3 - 0.25, 1e-13);
   const auto square = [](double x) {  // the integral of (-1 + 12 x - 9 x^2 - x^3)^2
@@ -78,7 +78,7 @@ RC_GTEST_PROP(SurfaceComparison, AgreesWithDenseSamples, (unsigned seed)) {
   const RangeFunction a = test::random_body(random, lower), b = test::random_body(random, upper);
   const auto c = compare(a, b);
   RC_ASSERT(c.has_value());
-  const double lo = c->z_start_mm, hi = c->z_end_mm;
+  const double lo = c->start, hi = c->end;
   RC_ASSERT(lo == std::max(-20.0, upper.band_start));
   RC_ASSERT(hi == 60);
   const int n = 240, m = 120;
@@ -96,7 +96,7 @@ RC_GTEST_PROP(SurfaceComparison, AgreesWithDenseSamples, (unsigned seed)) {
   for (const auto& [e, sampled, sign] :
        {std::tuple{c->largest, largest, 1.0}, std::tuple{c->smallest, smallest, -1.0}}) {
     // A value that is taken, and a bound just beyond it that no sample passes.
-    RC_ASSERT(std::abs(a(e.theta_rad, e.z_mm) - b(e.theta_rad, e.z_mm) - e.value_mm) < 1e-10);
+    RC_ASSERT(std::abs(a(e.theta_rad, e.along) - b(e.theta_rad, e.along) - e.value_mm) < 1e-10);
     RC_ASSERT(sign * (e.bound_mm - sampled) > -1e-11);
     RC_ASSERT(sign * (e.bound_mm - e.value_mm) >= 0);
     RC_ASSERT(sign * (e.bound_mm - e.value_mm) <= width);
@@ -117,8 +117,8 @@ RC_GTEST_PROP(SurfaceComparison, ASurfaceIsItself, (unsigned seed)) {
   RC_ASSERT(c->rms_mm < 1e-13);
   const double lo = test::uniform(random, -20, 10), hi = test::uniform(random, 20, 60);
   const auto cut = compare(f.clipped(lo, hi), f);
-  RC_ASSERT(cut->z_start_mm == lo);
-  RC_ASSERT(cut->z_end_mm == hi);
+  RC_ASSERT(cut->start == lo);
+  RC_ASSERT(cut->end == hi);
   RC_ASSERT(cut->at_most_mm() < 2e-11);
 }
 
@@ -135,7 +135,7 @@ RC_GTEST_PROP(SurfaceComparison, FindsOneDent, (unsigned seed)) {
   const auto found = compare(dented, f, 1e-9);
   // The cubic function of a uniform knot vector has 2/3 at its middle; around, the knots are uniform there too.
   RC_ASSERT(std::abs(found->smallest.value_mm + 1e-3 * 4 / 9) < 1e-12);
-  RC_ASSERT(std::abs(found->smallest.z_mm - 10 * static_cast<double>(i - 1)) < 0.01);
+  RC_ASSERT(std::abs(found->smallest.along - 10 * static_cast<double>(i - 1)) < 0.01);
   RC_ASSERT(std::abs(found->largest.bound_mm) < 1e-13);
 }
 
