@@ -96,6 +96,10 @@ void put_surface(Json& json, const RangeFit& fit) {
       json["constraints"].push_back(std::move(entry));
     }
   }
+  if (!r.steps.empty()) {
+    json["steps"] = Json::array();
+    for (const WallStep& step : r.steps) json["steps"].push_back({{"height_mm", step.z_mm}, {"jump_mm", step.jump_mm}});
+  }
   json["cut_mm"] = {{"below", r.cut_below_mm}, {"above", r.cut_above_mm}};
 }
 

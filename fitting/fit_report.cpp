@@ -180,6 +180,11 @@ void warn(RangeFit& fit, const CoveredBand& band) {
       report.warnings.push_back(text("The samples contradict what is held, %s: by themselves they have %.6g %s there.",
                                      held.what.c_str(), held.alone * (held.is_angle ? 180 / std::numbers::pi : 1),
                                      held.is_angle ? "degrees" : "mm"));
+  for (const WallStep& step : report.steps)
+    report.warnings.push_back(text(
+        "The wall steps by %.3g mm at z = %.4g mm: no smooth surface follows that, and this one swings about the wall "
+        "near it. Fit what lies between the steps by itself.",
+        std::abs(step.jump_mm), step.z_mm));
   if (report.cut_below_mm > 0.005 * height)
     report.warnings.push_back(
         text("%.3g mm at the lower rim were measured but not all around, and are cut.", report.cut_below_mm));

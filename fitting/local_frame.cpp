@@ -9,6 +9,7 @@
 #include <numbers>
 #include <optional>
 #include <variant>
+#include <vector>
 
 #include "fitting/line_geometry.h"
 #include "fitting/quadric.h"
@@ -21,10 +22,11 @@ namespace celadon {
 namespace {
 
 constexpr int kFewest = 50;
-constexpr int kRacers = 1500;       // points that starts are compared on
-constexpr double kRounding = 1e-9;  // of the size: shapes are not told apart below
-constexpr double kAsGood = 1.05;    // of the lowest cost: a form deviation of 0.22 standard deviations
-constexpr double kSure = 3;         // standard deviations
+constexpr int kRacers = 1500;          // points that starts are compared on
+constexpr double kRounding = 1e-9;     // of the size: shapes are not told apart below
+constexpr double kAsGood = 1.05;       // of the lowest cost: a form deviation of 0.22 standard deviations
+constexpr std::ptrdiff_t kSlice = 24;  // points on one circle, nearly
+constexpr double kSure = 3;            // standard deviations
 
 std::string number(double value, const char* format = "%.3g") {
   std::array<char, 32> text{};
@@ -230,6 +232,40 @@ void place_on_axis(const Fitted& chosen, const AxisFrame& axis, const std::optio
   frame.origin_sd_mm = larger(lever * cov * lever.transpose());
 }
 
+// Share of the points that lie on circles about the axis with those at nearly their height: of a stepped shaft, whose
+// meridian no polynomial follows, all.
+double share_round(const Data& data, const AxisFrame& axis, double scatter_mm) {
+  struct Place {
+    double h, rho;
+  };
+  std::vector<Place> places;
+  for (Eigen::Index n = 0; n < data.points.cols(); ++n) {
+    if (!(data.weights[n] > 0)) continue;
+    const Eigen::Vector3d local = axis.local(data.points.col(n));
+    places.push_back({local.z(), local.head<2>().norm()});
+  }
+  std::sort(places.begin(), places.end(), [](const Place& a, const Place& b) { return a.h < b.h; });
+  const auto slices = static_cast<std::ptrdiff_t>(places.size()) / kSlice;
+  std::vector<double> middles;
+  for (std::ptrdiff_t s = 0; s < slices; ++s) {
+    std::vector<double> rho;
+    for (std::ptrdiff_t k = s * kSlice; k < (s + 1) * kSlice; ++k)
+      rho.push_back(places[static_cast<std::size_t>(k)].rho);
+    std::nth_element(rho.begin(), rho.begin() + kSlice / 2, rho.end());
+    middles.push_back(rho[kSlice / 2]);
+  }
+  double round = 0;
+  for (std::ptrdiff_t s = 1; s + 1 < slices; ++s) {
+    const auto at = static_cast<std::size_t>(s);
+    // What both neighbours go on with is the slice's own slope, not a step.
+    const double after = middles[at + 1] - middles[at], before = middles[at] - middles[at - 1];
+    const double rise = after * before > 0 ? std::min(std::abs(after), std::abs(before)) : 0;
+    for (std::ptrdiff_t k = s * kSlice; k < (s + 1) * kSlice; ++k)
+      round += std::abs(places[static_cast<std::size_t>(k)].rho - middles[at]) <= 4.685 * scatter_mm + rise;
+  }
+  return slices < 3 ? 0 : round / static_cast<double>((slices - 2) * kSlice);
+}
+
 std::optional<FrameError> refusal(const Eigen::Matrix3Xd& points) {
   if (!points.allFinite()) {
     for (Eigen::Index n = 0; n < points.cols(); ++n) {
@@ -340,6 +376,9 @@ tl::expected<LocalFrame, FrameError> local_frame(const Eigen::Matrix3Xd& points)
     const AxisFrame axis = std::holds_alternative<Cone>(fit.shape) ? std::get<Cone>(fit.shape).axis
                                                                    : std::get<MeridianSurface>(fit.shape).axis;
     frame.start = from;
+    const double known = sample.weights.sum() / static_cast<double>(sample.weights.size());
+    frame.inliers =
+        std::max(frame.inliers, known * share_round(data, axis, std::min(fit.solution.scale, 3 * sample.noise_mm)));
     place_on_axis(fit, axis, quadric, axes, data, frame);
     frame.reason = std::string("axis of the ") + to_string(fit.kind) + " that fits best (" + left +
                    "), found from the " + to_string(from);

@@ -38,10 +38,10 @@ struct LocalFrame {
   /// Standard deviations if errors of points are independent: the direction of k (its larger one), and the origin
   /// across k (its larger one; any direction for a sphere). Infinite for the axis of a sphere: every one is as good.
   double axis_sd_rad = 0, origin_sd_mm = 0;
-  double scale_mm = 0;                ///< robust standard deviation of the points about the shape
-  double noise_mm = 0;                ///< of the points about planes through their neighbours
-  double inliers = 1;                 ///< share of the points within 4.685 scales
-  std::string reason;                 ///< what decided, in one sentence
+  double scale_mm = 0;  ///< robust standard deviation of the points about the shape
+  double noise_mm = 0;  ///< of the points about planes through their neighbours
+  double inliers = 1;   ///< share of the points within 4.685 scales, or, if it is more, round about the axis
+  std::string reason;   ///< what decided, in one sentence
   std::vector<std::string> warnings;  ///< what a user should know, one sentence each
 };
 

@@ -41,6 +41,8 @@ constexpr double kRowsPerUnknown = 1.5;
 constexpr double kRevolutionScales = 8;
 // How far the samples may end from where the object goes on: cells, and a share of the band.
 constexpr double kReachCells = 1.5, kReachShare = 0.02;
+// Noise of the fit over the scatter about its robust reference, from which the wall may step.
+constexpr double kSuspiciousNoise = 1.3;
 constexpr double kAnyProfiles = std::numeric_limits<double>::infinity();
 
 const char* const kUndetermined =
@@ -376,6 +378,8 @@ tl::expected<SurfaceFit, FitError> fit_surface(const MomentGrid& sums, const Fir
                               .profiles = look.profiles(),
                               .stated = reweight && look.has_covariances()};
   fit.errors = std::make_shared<const ErrorSources>(error_sources(samples, std::move(choice->fit)));
+  if (options.base == BaseKind::cylinder && found && report.noise_mm > kSuspiciousNoise * reference->scale_mm())
+    report.steps = find_steps(look.samples(), sums.arcs().count(), band.z_start_mm, band.z_end_mm);
   result.share = share;
   result.band = band;
   result.grid_start_mm = sums.specification().z_start_mm;

@@ -24,6 +24,7 @@
 #include "fitting/profile.h"
 #include "fitting/range_function.h"
 #include "fitting/range_space.h"
+#include "fitting/steps.h"
 
 namespace celadon {
 
@@ -76,6 +77,7 @@ struct RangeFitReport {
   double phi_start_rad = 0, phi_end_rad = 0;  ///< over a sphere; 0 and pi: closed poles
   double cut_below_mm = 0, cut_above_mm = 0;  ///< measured but cut at the rims, along the meridian
   std::vector<HeldConstraint> constraints{};  ///< that hold exactly
+  std::vector<WallStep> steps{};              ///< of the wall, which no smooth range follows
   std::vector<std::string> warnings;          ///< what an operator should know, one sentence each
 };
 

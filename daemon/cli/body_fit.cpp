@@ -111,6 +111,8 @@ tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStr
   const double cut_mm = std::max(fitted.report.cut_below_mm, fitted.report.cut_above_mm);
   if (!sphere && !heights && cut_mm > kMuch * (fitted.report.z_end_mm - fitted.report.z_start_mm))
     notes.warnings.push_back("If the object ends on a rim that is not plane, --rims follow keeps what was cut.");
+  if (!fitted.report.steps.empty())
+    notes.warnings.push_back("--heights FROM TO fits what lies between two heights by itself.");
   setting.lap("fit");
   return BodyFit{std::move(fitted)};
 }

@@ -30,6 +30,7 @@
 #include "fitting/range_fit.h"
 #include "fitting/shape_choice.h"
 #include "fitting/spherical_stream.h"
+#include "fitting/window_stream.h"
 
 namespace celadon::cli {
 namespace {
@@ -40,6 +41,7 @@ struct FitArguments {
   std::string input, turned_over, raised, axis = "auto", unit = "mm", shape = "cylinder", model = "auto",
                                           space = "curvature", rims = "plane", name, date, report;
   std::vector<std::string> outputs, angles;
+  std::vector<double> heights;
   double tolerance_mm = 0, form_tolerance_mm = -1, fair_mm = 0, chord_mm = 0;
   std::optional<double> centre_z_mm, split_above_mm, split_below_mm, lift_mm;
   std::vector<int> degree = {3, 3}, knots;
@@ -121,6 +123,11 @@ std::string contradiction(const FitArguments& arguments) {
            "them out or change the shape";
   if (symmetry_of(arguments.known).any() && !(arguments.grid.empty() && arguments.write_grid.empty()))
     return "--symmetry and --mirror do not go with a grid of the whole turn; leave them or the grid out";
+  if (!arguments.heights.empty() && !(arguments.heights[0] < arguments.heights[1]))
+    return "--heights takes the lower height first; give FROM TO in mm";
+  if (!arguments.heights.empty() && !(arguments.grid.empty() && arguments.write_grid.empty() &&
+                                      arguments.turned_over.empty() && arguments.raised.empty()))
+    return "--heights does not go with a grid or a second pose; leave them or it out";
   if (!arguments.angles.empty() &&
       (arguments.shape == "composite" || arguments.shape == "auto" || arguments.rims == "follow" ||
        symmetry_of(arguments.known).any() || !arguments.grid.empty() || !arguments.write_grid.empty() ||
@@ -242,12 +249,21 @@ int fit(const FitArguments& arguments) {
   };
   const auto lap = [&](const char* stage) { notes.seconds.push_back({stage, watch.lap()}); };
   const auto fit_as_it_lies = [&]() -> tl::expected<BodyFit, std::string> {
+    // Heights along the axis that the fit is about.
+    std::vector<std::unique_ptr<WindowStream>> windows;
+    std::vector<ProfileStream*> parts(input->parts().begin(), input->parts().end());
+    for (ProfileStream*& part : parts) {
+      if (arguments.heights.empty()) continue;
+      part =
+          windows.emplace_back(std::make_unique<WindowStream>(*part, arguments.heights[0], arguments.heights[1])).get();
+    }
+    JoinedStream samples(parts);
     const bool about_origin = input->columns() == CloudColumns::spherical && !notes.own_axis;
-    const auto shape = shape_of(arguments, input->samples(), about_origin);
+    const auto shape = shape_of(arguments, samples, about_origin);
     if (!shape) return tl::make_unexpected(shape.error());
     notes.shape_reason = shape->reason;
     if (!shape->reason.empty()) lap("shape");
-    const auto arcs = angles_of(arguments.angles, input->samples());
+    const auto arcs = angles_of(arguments.angles, samples);
     if (!arcs) return tl::make_unexpected(arcs.error());
     options.arcs = *arcs;
     FitSetting setting{.X_WL = notes.own_axis ? notes.own_axis->X_SL : Eigen::Isometry3d::Identity(),
@@ -255,7 +271,7 @@ int fit(const FitArguments& arguments) {
                        .symmetry = symmetry_of(arguments.known),
                        .follow_rims = arguments.rims == "follow",
                        .lap = lap};
-    return fit_shape(*shape, input->samples(), input->parts(), options, setting, notes);
+    return fit_shape(*shape, samples, parts, options, setting, notes);
   };
   // With the second set where it nearly is; its pose and the surface of both together; all of it again.
   const auto refined = [&](tl::expected<BodyFit, std::string>& fit, PoseFreedom freedom) -> std::optional<std::string> {
@@ -379,6 +395,13 @@ void add_fit_command(CLI::App& program, Run& run) {
           "part of the turn to fit, counter-clockwise: FROM TO [degrees], or auto: what the samples cover; the "
           "surface\nis open around then, a shell in CAD files")
       ->expected(1, 2);
+  command
+      ->add_option(
+          "--heights", arguments->heights,
+          "fit what lies between two heights along the axis alone: FROM TO [mm]; 0 is where the report's frame "
+          "has its origin")
+      ->expected(2)
+      ->check(finite());
   command
       ->add_option("--rims", arguments->rims,
                    "ends of a body over a cylinder: plane, across the axis where the samples end first; or follow, as "

@@ -262,5 +262,27 @@ TEST(LocalFrame, TellsWhyThereIsNone) {
   EXPECT_TRUE(!frame || !frame->warnings.empty());
 }
 
+// No polynomial follows the meridian of a stepped shaft; it is round all the same.
+TEST(LocalFrame, SteppedShaftsAreRound) {
+  std::mt19937_64 random(4);
+  std::uniform_real_distribution<double> share(0, 1);
+  std::normal_distribution<double> normal(0, 0.02);
+  for (int trial = 0; trial < 4; ++trial) {
+    Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
+    X.linear() = Eigen::Quaterniond(share(random), share(random), share(random), 0.5).normalized().toRotationMatrix();
+    X.translation() << 10, -20, 30;
+    Eigen::Matrix3Xd points(3, 20000);
+    for (Eigen::Index n = 0; n < points.cols(); ++n) {
+      const double t = 2 * kPi * share(random), z = 100 * share(random);
+      const double r = (z < 20 ? 15 : z < 50 ? 25 : z < 52 ? 22 : z < 80 ? 25 : 18 - (z - 80) * 0.2) + normal(random);
+      points.col(n) = X * Eigen::Vector3d(r * std::cos(t), r * std::sin(t), z);
+    }
+    const auto frame = local_frame(points);
+    ASSERT_TRUE(frame) << frame.error().message;
+    EXPECT_GT(frame->inliers, 0.9);
+    EXPECT_NEAR(std::abs(frame->X_SL.linear().col(2).dot(X.linear().col(2))), 1, 1e-6);
+  }
+}
+
 }  // namespace
 }  // namespace celadon

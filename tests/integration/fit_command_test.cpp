@@ -428,6 +428,39 @@ TEST(FitCommand, WallsGoOnToTheirFacesInOtherFramesAndSectors) {
 }
 
 // Native samples are the scanner's: a cylinder off its axis is one about its own, unless the axis is named.
+// No smooth wall follows a shoulder: it is told, and what lies below it is fitted by itself.
+TEST(FitCommand, StepsAreTold) {
+  std::mt19937 random(5);
+  std::uniform_real_distribution<double> share(0, 1);
+  std::normal_distribution<double> normal(0, 0.02);
+  std::string samples = "r,theta,z\n";
+  for (int k = 0; k < 60000; ++k) {
+    const double t = 2 * std::numbers::pi * share(random), z = 80 * share(random);
+    const bool shoulder = k % 12 == 0;
+    char line[128];
+    std::snprintf(line, sizeof line, "%.9g,%.9g,%.9g\n",
+                  shoulder ? 20 + 10 * share(random) : (z < 40 ? 20 : 30) + normal(random), t,
+                  shoulder ? 40 + normal(random) : z);
+    samples += line;
+  }
+  const TemporaryFolder folder;
+  const std::string file = folder.write("shaft.csv", samples);
+  const auto whole = run({"celadon", "fit", file, "-o", folder / "w.step", "--report", folder / "w.json"});
+  ASSERT_EQ(whole.exit_code, 0) << whole.err;
+  EXPECT_NE(whole.out.find("The wall steps by 10 mm at z = "), std::string::npos) << whole.out;
+  const json report = json::parse(read_file(folder / "w.json"));
+  ASSERT_EQ(report["steps"].size(), 1u);
+  EXPECT_NEAR(report["steps"][0]["height_mm"].get<double>(), 40, 0.2);
+  const auto below =
+      run({"celadon", "fit", file, "--heights", "0", "39.8", "-o", folder / "b.step", "--report", folder / "b.json"});
+  ASSERT_EQ(below.exit_code, 0) << below.err;
+  const json part = json::parse(read_file(folder / "b.json"));
+  EXPECT_EQ(part["model"], "cylinder") << part["decided_by"];
+  EXPECT_FALSE(part.contains("steps"));
+  EXPECT_NEAR(part["size_mm"][0].get<double>(), 40, 0.01);
+  EXPECT_EQ(run({"celadon", "fit", file, "--heights", "30", "20", "-o", folder / "x.step"}).exit_code, 2);
+}
+
 // A hundred degrees of a tube that lies somewhere, and of one in the scanner's frame.
 TEST(FitCommand, APartOfTheTurn) {
   std::mt19937 random(5);
