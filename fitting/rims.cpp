@@ -31,7 +31,7 @@ constexpr int kEndsPerUnknown = 3;       // of the finest spline through ends
 constexpr double kCharge = 2;            // of an unknown in cross validation: weights that follow residuals cheat
 constexpr double kAsWell = 1.05;         // of the least error that is predicted
 constexpr double kInside = 1;            // standard deviations that the rims keep from the ends of the samples
-constexpr int kRounds = 10;              // of reweighting
+constexpr int kRimRounds = 10;           // of reweighting
 constexpr double kBridging = 1e-9;       // bending energy that carries a rim over angles without ends
 constexpr double kRounding = 1e-9;       // of what the ends vary
 constexpr double kLeastHeight = 0.05;    // of the tallest, that is between the rims everywhere
@@ -151,7 +151,7 @@ RimSpline spline_through(const Ends& ends, int intervals_per_arc, const RangeFit
   const Eigen::MatrixXd bending = kBridging * gram_matrices(space, options.arcs, 1)[2];
   Eigen::VectorXd weight = Eigen::VectorXd::Ones(rows), x(unknowns), residual(rows);
   double scale = 0;
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kRimRounds; ++round) {
     const Eigen::MatrixXd weighted = weight.asDiagonal() * A;
     x = (A.transpose() * weighted + bending).ldlt().solve(weighted.transpose() * z);
     residual = z - A * x;

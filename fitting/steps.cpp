@@ -16,7 +16,7 @@ constexpr double kScales = 6;        // of the scatter within a row
 constexpr double kAllAround = 0.75;  // of the sectors that have samples on both sides
 constexpr int kLongest = 6;          // rows: what is steep for longer is a slope, not a step
 
-double median(std::vector<double>& of) {
+double middle_of(std::vector<double>& of) {
   const auto at = of.begin() + static_cast<std::ptrdiff_t>(of.size() / 2);
   std::nth_element(of.begin(), at, of.end());
   return *at;
@@ -49,12 +49,12 @@ Rows rows_of(std::span<const SamplePoint> samples, int arcs, double z_start, dou
   }
   std::vector<double> scatters;
   for (auto& bin : bins) {
-    rows.medians.push_back(bin.size() < 3 ? kNone : median(bin));
+    rows.medians.push_back(bin.size() < 3 ? kNone : middle_of(bin));
     if (bin.size() < 3) continue;
     for (double& r : bin) r = std::abs(r - rows.medians.back());
-    scatters.push_back(1.4826 * median(bin));
+    scatters.push_back(1.4826 * middle_of(bin));
   }
-  rows.scatter = scatters.empty() ? 0 : median(scatters);
+  rows.scatter = scatters.empty() ? 0 : middle_of(scatters);
   return rows;
 }
 
@@ -87,7 +87,7 @@ std::vector<WallStep> find_steps(std::span<const SamplePoint> samples, int arcs,
     }
     auto& most = up.size() >= down.size() ? up : down;
     if (2 * sectors >= kSectors && static_cast<double>(most.size()) >= kAllAround * sectors)
-      jumps[static_cast<std::size_t>(row)] = median(most);
+      jumps[static_cast<std::size_t>(row)] = middle_of(most);
   }
   for (int row = 0; row < rows.count; ++row) {
     const auto at = [&](int k) { return jumps[static_cast<std::size_t>(k)]; };
@@ -108,7 +108,7 @@ std::vector<WallStep> find_steps(std::span<const SamplePoint> samples, int arcs,
         const double jump = rows.at(s, end - 1 + 2 * kBeside) - rows.at(s, row - 2 * kBeside);
         if (std::isfinite(jump)) between.push_back(jump);
       }
-      if (!between.empty()) steps.push_back({z / weight, median(between)});
+      if (!between.empty()) steps.push_back({z / weight, middle_of(between)});
     }
     row = end;
   }

@@ -11,11 +11,8 @@
 #include "fitting/fit_ladder.h"
 #include "fitting/nurbs_surface.h"
 #include "fitting/pole_jets.h"
-#include "fitting/range_batch.h"
 #include "fitting/range_function.h"
-#include "fitting/section.h"
 #include "fitting/solid_properties.h"
-#include "fitting/surface_comparison.h"
 #include "tests/fitting/sphere_tools.h"
 #include "tests/fitting/spline_tools.h"
 
@@ -440,13 +437,6 @@ TEST(SphereFit, TheSamplesChooseHowPolesClose) {
     EXPECT_LT(test::miss_sphere(fit->function, tilted).rms,
               0.6 * test::miss_sphere(fit_of(tilted, sigma, PoleRule::level)->function, tilted).rms);
   }
-}
-
-TEST(SphereFit, WhatIsMadeForCylindersRefusesIt) {
-  const RangeFunction f(sphere(), 0, 0, {0, 2}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
-  EXPECT_THROW(section(f, 1), std::invalid_argument);
-  EXPECT_THROW(RangeBatch{f}, std::invalid_argument);
-  EXPECT_THROW(compare(f, f), std::invalid_argument);
 }
 
 TEST(SphereFit, VolumeAndInertiaOfASphereOffItsCentre) {
