@@ -112,7 +112,7 @@ tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStr
   if (!sphere && !heights && cut_mm > kMuch * (fitted.report.z_end_mm - fitted.report.z_start_mm))
     notes.warnings.push_back("If the object ends on a rim that is not plane, --rims follow keeps what was cut.");
   if (!fitted.report.steps.empty())
-    notes.warnings.push_back("--heights FROM TO fits what lies between two heights by itself.");
+    notes.warnings.push_back("--shape auto makes walls with plane shoulders between them of it.");
   setting.lap("fit");
   return BodyFit{std::move(fitted)};
 }
@@ -154,12 +154,12 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
   for (ProfileStream* part : parts)
     wall_parts.push_back(walls.emplace_back(std::make_unique<WallStream>(*part, ends)).get());
   JoinedStream wall(wall_parts);
-  if (shape.shape != BodyShape::cylinder || setting.follow_rims)
+  if (shape.shape == BodyShape::sphere || setting.follow_rims)
     return fit_wall(shape, wall, wall_parts, options, setting, notes);
   // The wall goes on to its faces; where it does not, it ends where its samples do.
   RangeFitOptions to_faces = options;
-  if (ends.lower) to_faces.reach_start = ends.lower->height_mm;
-  if (ends.upper) to_faces.reach_end = ends.upper->height_mm;
+  if (ends.lower && !shape.split.below_mm) to_faces.reach_start = ends.lower->height_mm;
+  if (ends.upper && !shape.split.above_mm) to_faces.reach_end = ends.upper->height_mm;
   auto fitted = fit_wall(shape, wall, wall_parts, to_faces, setting, notes);
   if (fitted) return fitted;
   const std::string why = fitted.error();

@@ -41,7 +41,7 @@ struct FitArguments {
   std::string input, turned_over, raised, axis = "auto", unit = "mm", shape = "cylinder", model = "auto",
                                           space = "curvature", rims = "plane", name, date, report;
   std::vector<std::string> outputs, angles;
-  std::vector<double> heights;
+  std::vector<double> heights, shoulders_mm;
   double tolerance_mm = 0, form_tolerance_mm = -1, fair_mm = 0, chord_mm = 0;
   std::optional<double> centre_z_mm, split_above_mm, split_below_mm, lift_mm;
   std::vector<int> degree = {3, 3}, knots;
@@ -80,8 +80,10 @@ tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, P
   if (arguments.shape == "auto") return choose(std::nullopt);
   if (arguments.shape == "composite") {
     named.shape = BodyShape::composite;
-    named.split = {.below_mm = arguments.split_below_mm, .above_mm = arguments.split_above_mm};
-    return named.split.below_mm || named.split.above_mm ? named : choose(BodyShape::composite);
+    named.split = {.below_mm = arguments.split_below_mm,
+                   .above_mm = arguments.split_above_mm,
+                   .shoulders = shoulders_at(samples, arguments.shoulders_mm)};
+    return named.split.any() ? named : choose(BodyShape::composite);
   }
   if (arguments.shape == "sphere") {
     named.shape = BodyShape::sphere;
@@ -155,8 +157,10 @@ std::string contradiction(const FitArguments& arguments) {
   if (arguments.raised.empty() == arguments.lift_mm.has_value() || (arguments.lift_exact && arguments.raised.empty()))
     return "--raised and --lift go together: the file, and how far the lift had raised the object for it";
   if (arguments.centre_z_mm && !sphere) return "--centre-z is for --shape sphere; leave it out or change the shape";
-  if (split && arguments.shape != "composite")
-    return "--split-above and --split-below are for --shape composite; leave them out or change the shape";
+  if ((split || !arguments.shoulders_mm.empty()) && arguments.shape != "composite")
+    return "--split-above, --split-below and --shoulders are for --shape composite; leave them out or change the shape";
+  if (!std::is_sorted(arguments.shoulders_mm.begin(), arguments.shoulders_mm.end(), std::less_equal<>()))
+    return "--shoulders takes heights from below, each once; put them in order";
   if (arguments.shape == "composite" || arguments.shape == "auto") return {};
   if (arguments.model == (sphere ? "cylinder" : "sphere"))
     return "--model " + arguments.model + " does not go with --shape " + arguments.shape + "; ask for --model " +
@@ -379,14 +383,20 @@ void add_fit_command(CLI::App& program, Run& run) {
   command
       ->add_option(
           "--shape", arguments->shape,
-          "base geometry; composite: a body over a cylinder with heads over spheres; auto: what the samples ask "
-          "for")
+          "base geometry; composite: a body over a cylinder, or several with plane shoulders between them, with heads "
+          "over\nspheres; auto: what the samples ask for")
       ->check(CLI::IsMember({"cylinder", "sphere", "composite", "auto"}));
   command->add_option(
       "--split-above", arguments->split_above_mm,
       "height at which a composite's body ends and its upper head begins [mm]; default: where the samples "
       "ask for it");
   command->add_option("--split-below", arguments->split_below_mm, "the same of a lower head [mm]");
+  command
+      ->add_option("--shoulders", arguments->shoulders_mm,
+                   "heights of the plane shoulders between a composite's walls, from below [mm]; default: where the "
+                   "samples show them")
+      ->expected(1, 15)
+      ->check(finite());
   command->add_option(
       "--centre-z", arguments->centre_z_mm,
       "height of the sphere's centre on the axis [mm]; default: where the samples lie best about it, 0 of\n"
