@@ -12,7 +12,6 @@
 
 #include <CLI/CLI.hpp>
 
-#include "daemon/cli/body_fit.h"
 #include "daemon/cli/commands.h"
 #include "daemon/cli/constraint_options.h"
 #include "daemon/cli/fit_input.h"
@@ -23,6 +22,7 @@
 #include "daemon/files/cloud_files.h"
 #include "daemon/report.h"
 #include "daemon/results.h"
+#include "daemon/shape_fit.h"
 #include "daemon/usage_error.h"
 #include "fitting/composite_fit.h"
 #include "fitting/covered_angles.h"
@@ -72,26 +72,19 @@ RangeFitOptions fit_options(const FitArguments& arguments) {
 tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, ProfileStream& samples,
                                                 bool about_origin) {
   ShapeChoice named;
-  const auto choose = [&](std::optional<BodyShape> wanted) -> tl::expected<ShapeChoice, std::string> {
-    auto choice = choose_shape(samples, wanted);
-    if (!choice) return tl::make_unexpected(choice.error().message);
-    return *choice;
-  };
-  if (arguments.shape == "auto") return choose(std::nullopt);
   if (arguments.shape == "composite") {
     named.shape = BodyShape::composite;
     named.split = {.below_mm = arguments.split_below_mm,
                    .above_mm = arguments.split_above_mm,
                    .shoulders = shoulders_at(samples, arguments.shoulders_mm)};
-    return named.split.any() ? named : choose(BodyShape::composite);
+    if (named.split.any()) return named;
   }
-  if (arguments.shape == "sphere") {
+  if (arguments.shape == "sphere" && (arguments.centre_z_mm || about_origin)) {
     named.shape = BodyShape::sphere;
-    named.centre_z_mm = arguments.centre_z_mm.value_or(about_origin ? 0 : centre_on_axis_mm(samples));
-    if (!std::isfinite(named.centre_z_mm))
-      return tl::make_unexpected("the samples lie at one height and show no centre; name one with --centre-z");
+    named.centre_z_mm = arguments.centre_z_mm.value_or(0);
+    return named;
   }
-  return named;
+  return shape_named(arguments.shape, samples);
 }
 
 // The part of the turn as it was named, or as the samples cover it.

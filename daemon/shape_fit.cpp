@@ -1,12 +1,12 @@
-#include "daemon/cli/body_fit.h"
+#include "daemon/shape_fit.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <utility>
 #include <vector>
 
-#include "daemon/cli/fit_outputs.h"
 #include "daemon/thread_executor.h"
 #include "fitting/even_points.h"
 #include "fitting/flat_ends.h"
@@ -16,7 +16,7 @@
 #include "fitting/spherical_stream.h"
 #include "fitting/symmetry.h"
 
-namespace celadon::cli {
+namespace celadon {
 namespace {
 
 constexpr std::size_t kFlatPoints = 24000;
@@ -119,28 +119,19 @@ tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStr
 
 }  // namespace
 
-std::span<const RangeFit> BodyFit::pieces() const {
-  if (const auto* one = std::get_if<RangeFit>(&fit)) return {one, 1};
-  return std::get<CompositeFit>(fit).pieces;
-}
-
-nlohmann::ordered_json BodyFit::report(const ResultNotes& notes) const {
-  return std::visit([&](const auto& of) { return report_json(of, notes); }, fit);
-}
-
-const RangeFit* BodyFit::wall() const {
-  const auto all = pieces();
-  const auto found =
-      std::find_if(all.begin(), all.end(), [](const RangeFit& piece) { return !piece.function.base().spherical(); });
-  return found == all.end() ? nullptr : &*found;
-}
-
-bool BodyFit::wall_is_round() const {
-  return wall() != nullptr && is_round(wall()->report.model);
-}
-
-std::optional<Eigen::Isometry3d> BodyFit::better_axis() const {
-  return wall() == nullptr || wall_is_round() ? std::nullopt : axis_of_sections(wall()->function);
+tl::expected<ShapeChoice, std::string> shape_named(const std::string& name, ProfileStream& samples) {
+  ShapeChoice named;
+  if (name == "cylinder") return named;
+  if (name == "sphere") {
+    named.shape = BodyShape::sphere;
+    named.centre_z_mm = centre_on_axis_mm(samples);
+    if (!std::isfinite(named.centre_z_mm))
+      return tl::make_unexpected("the samples lie at one height and show no centre; name one with --centre-z");
+    return named;
+  }
+  auto choice = name == "composite" ? choose_shape(samples, BodyShape::composite) : choose_shape(samples);
+  if (!choice) return tl::make_unexpected(choice.error().message);
+  return *choice;
 }
 
 tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
@@ -168,4 +159,4 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
   return fitted;
 }
 
-}  // namespace celadon::cli
+}  // namespace celadon
