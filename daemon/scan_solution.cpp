@@ -87,7 +87,9 @@ tl::expected<SolvedBody, ScanStop> solve_wall(const std::filesystem::path& file,
   const auto measure = [&log](SurfaceFit fitted, auto moved) -> tl::expected<BodyFit, ResultError> {
     RangeFit fit = measure_errors(std::move(fitted), moved ? moved->streams() : log.streams(), run_on_all_cores);
     if (const std::string error = log.error(); !error.empty()) return tl::make_unexpected(ResultError{4, error});
-    return BodyFit{std::move(fit)};
+    BodyFit whole;  // g++ 12 takes a variant that is moved from a temporary one for uninitialised
+    whole.fit = std::move(fit);
+    return whole;
   };
   using Moved = std::optional<decltype(own->samples)>;
   body.measured =

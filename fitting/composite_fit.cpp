@@ -19,10 +19,11 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity(), kEquator =
 // Pieces that met worse than this many of their noise's standard deviations, or this angle, are worth a word.
 constexpr double kGapScales = 1, kAngleRad = 0.02;
 
-/// Where a piece ends: at a height that it reaches, and its samples so far from it.
+/// Where a piece ends: at a height that it reaches, and its samples so far from it. The wall further in may lie in the
+/// shadow of the shoulder, which is no longer than the shoulder is wide.
 struct PieceEnd {
   std::optional<double> height_mm;
-  double edge_mm = 0;
+  double edge_mm = 0, shadow_mm = 0;
 };
 
 /// The samples of one piece, read anew at every pass.
@@ -64,6 +65,8 @@ class Piece {
     } else {
       options.reach_start = low_.height_mm;
       options.reach_end = high_.height_mm;
+      options.hidden_start = low_.shadow_mm;
+      options.hidden_end = high_.shadow_mm;
       grid->z_start_mm = low_.height_mm.value_or(grid->z_start_mm);
       grid->z_end_mm = high_.height_mm.value_or(grid->z_end_mm);
     }
@@ -96,7 +99,8 @@ std::vector<std::unique_ptr<Piece>> pieces_of(ProfileStream& samples, const Comp
   std::vector<PieceEnd> ends = {{split.below_mm ? split.below_mm : options.reach_start, 0}};
   for (const Shoulder& shoulder : split.shoulders) {
     // A sample at the very height of a shoulder lies on no wall.
-    ends.push_back({shoulder.height_mm, std::max(shoulder.edge_mm, 1e-12 * std::abs(shoulder.height_mm) + 1e-12)});
+    ends.push_back({shoulder.height_mm, std::max(shoulder.edge_mm, 1e-12 * std::abs(shoulder.height_mm) + 1e-12),
+                    std::abs(shoulder.jump_mm)});
   }
   ends.push_back({split.above_mm ? split.above_mm : options.reach_end, 0});
   std::vector<std::unique_ptr<Piece>> pieces;

@@ -124,7 +124,7 @@ class Ring {
     return rise * (near_.back().z - near_.front().z) / 2 < std::abs(jump_);
   }
 
-  /// The height of the ring from the samples on it, else from the gap between those on the walls.
+  /// The height of the ring from the samples on it, else from where those of the outer wall end.
   void place(Shoulder& shoulder) const {
     std::vector<double> on_ring = heights_on_ring();
     if (on_ring.size() >= kFewestOnRing) {
@@ -138,18 +138,23 @@ class Ring {
     std::ptrdiff_t wrong = 0;
     for (const Sample& s : near_) wrong += share(s) < 0.5 ? 1 : 0;  // all of the lower wall, were the ring below them
     std::ptrdiff_t fewest = wrong;
-    double last_below = near_.front().z, first_above = near_.front().z;
-    for (std::size_t k = 0; k < near_.size(); ++k) {
+    std::size_t above = 0;  // the first sample above
+    for (std::size_t k = 0; k + 1 < near_.size(); ++k) {
       const double s = share(near_[k]);
       wrong += s < 0.5 ? -1 : s >= 0.5 ? 1 : 0;
-      if (wrong < fewest && k + 1 < near_.size()) {
-        fewest = wrong;
-        last_below = near_[k].z;
-        first_above = near_[k + 1].z;
-      }
+      if (wrong >= fewest) continue;
+      fewest = wrong;
+      above = k + 1;
     }
-    shoulder.height_mm = (last_below + first_above) / 2;
-    shoulder.sd_mm = (first_above - last_below) / std::sqrt(12.0);
+    // The wall further out is seen to its edge; the other one may lie in its shadow.
+    const bool outer_above = jump_ > 0;
+    const auto outer = outer_above ? near_.subspan(above) : near_.first(above);
+    if (above == 0) return;
+    double spacing = 0;
+    for (std::size_t k = 1; k < outer.size(); ++k) spacing = std::max(spacing, outer[k].z - outer[k - 1].z);
+    spacing = std::min(spacing, near_[above].z - near_[above - 1].z);
+    shoulder.height_mm = outer_above ? outer.front().z - spacing / 2 : outer.back().z + spacing / 2;
+    shoulder.sd_mm = spacing / std::sqrt(12.0);
   }
 
   /// What the samples show about the ring at its height.

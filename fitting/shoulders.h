@@ -21,8 +21,8 @@ struct Shoulder {
 };
 
 /// The shoulders that find_steps() sees in an even sample, from below; the stream is in the frame of a cylinder that is
-/// closed around and is read once. Heights are medians of the samples on the ring, or where none lie there the middle
-/// of the gap between the walls' last samples.
+/// closed around and is read once. Heights are medians of the samples on the ring, or where none lie there half a
+/// spacing of heights beyond the last samples of the outer wall, which nothing hides.
 std::vector<Shoulder> find_shoulders(ProfileStream& samples);
 
 /// Shoulders at given heights, ascending, with what the samples show of them. @pre as above

@@ -205,6 +205,27 @@ TEST(Shoulders, RefusalsNamePlaceAndRemedy) {
   EXPECT_THAT(refused(crossing, {30}), testing::HasSubstr("cross near"));
 }
 
+// A groove scanned in rows from above: the shadow under its upper edge is the groove's, not the edge's.
+TEST(Shoulders, ShadowsBelongToTheInnerWall) {
+  std::mt19937_64 random(9);
+  std::normal_distribution<double> noise(0, 0.02);
+  MemoryStream samples;
+  for (int i = 0; i < 400; ++i) {
+    samples.profiles.emplace_back();
+    for (double z = 0.05; z < 100; z += 0.13)
+      if (z < 65.2 || z >= 66)
+        push(samples.profiles.back(), (z >= 62 && z < 66 ? 15 : 18) + noise(random), 2 * kPi * i / 400, z);
+  }
+  const auto shoulders = find_shoulders(samples);
+  ASSERT_EQ(shoulders.size(), 2u);
+  EXPECT_NEAR(shoulders[0].height_mm, 62, 0.07);
+  EXPECT_NEAR(shoulders[1].height_mm, 66, 0.07);
+  const auto fit = fit_composite(samples, {{}, {}, shoulders}, {.form_tolerance_mm = 0.002});
+  ASSERT_TRUE(fit) << fit.error().message;
+  const double radii[] = {18, 15, 18};
+  for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(fit->pieces[k].function(1, 64), radii[k], 0.002) << k;
+}
+
 TEST(Shoulders, SmoothWallsHaveNone) {
   MemoryStream vase = test::scattered([](double, double z) { return 30 + 8 * std::sin(z / 8); }, 60000, 0.02);
   EXPECT_TRUE(find_shoulders(vase).empty());
