@@ -108,7 +108,8 @@ bool is_round(SurfaceModel model) {
 }
 
 std::optional<Eigen::Isometry3d> axis_of_sections(const RangeFunction& surface) {
-  if (surface.base().spherical() || !sections_are_circles(surface)) return std::nullopt;
+  const BaseSurface& base = surface.base();
+  if (base.spherical() || base.heights || !base.arcs.closed() || !sections_are_circles(surface)) return std::nullopt;
   return axis_of(surface);
 }
 

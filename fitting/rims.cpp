@@ -258,8 +258,8 @@ const Profile* RimmedStream::next() {
   std::size_t kept = 0;
   for (std::size_t k = 0; k < n; ++k) {
     const double share = (from->z_mm[k] - lower_[k]) / (upper_[k] - lower_[k]);
-    if (share < 0 || share > 1) {
-      ++beyond_;
+    if (!(share >= 0 && share <= 1)) {  // samples without numbers are nowhere
+      beyond_ += !std::isnan(share);
       continue;
     }
     profile_.r_mm[kept] = from->r_mm[k];

@@ -117,8 +117,10 @@ Eigen::Isometry3d upside_down() {
 }  // namespace
 
 tl::expected<PoseAlignment, FitError> align_turned_over(const RangeFunction& wall, ProfileStream& second) {
-  if (wall.base().spherical() || !wall.base().arcs.closed())
-    return tl::unexpected(FitError{"the first pose shows no wall that is closed around; scan its whole turn"});
+  if (wall.base().spherical() || !wall.base().arcs.closed() || wall.base().heights)
+    return tl::unexpected(
+        FitError{"the first pose shows no wall that is closed around between plane rims; scan its whole turn, let rims "
+                 "be plane"});
   const Eigen::Matrix3Xd points = even_points(second, kPoints);
   if (points.cols() < static_cast<Eigen::Index>(kSearchPoints) / 4)
     return tl::unexpected(FitError{text("%td samples of the second pose are too few; take more", points.cols())});

@@ -140,9 +140,7 @@ bool BodyFit::wall_is_round() const {
 }
 
 std::optional<Eigen::Isometry3d> BodyFit::better_axis() const {
-  return wall() == nullptr || wall_is_round() || !wall()->function.base().arcs.closed()
-             ? std::nullopt
-             : axis_of_sections(wall()->function);
+  return wall() == nullptr || wall_is_round() ? std::nullopt : axis_of_sections(wall()->function);
 }
 
 tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,

@@ -133,8 +133,11 @@ std::string contradiction(const FitArguments& arguments) {
        symmetry_of(arguments.known).any() || !arguments.grid.empty() || !arguments.write_grid.empty() ||
        !arguments.turned_over.empty() || !arguments.raised.empty()))
     return "--angles is for one surface over a cylinder or a sphere with plane rims, in one pose; leave out what else "
-           "was "
-           "asked for";
+           "was asked for";
+  if (!arguments.angles.empty() && sphere)
+    for (const std::string& file : arguments.outputs)
+      if (const auto format = result_format_of(file); format == ResultFormat::stl || format == ResultFormat::ply)
+        return "'" + file + "': meshes of a part of the turn are made over a cylinder only; name a .step or .json file";
   if (arguments.rims == "follow") {
     if (arguments.shape != "cylinder") return "--rims follow is for --shape cylinder; leave it out or change the shape";
     if (arguments.known.any() || arguments.partial || !arguments.grid.empty() || !arguments.write_grid.empty() ||
@@ -248,7 +251,9 @@ int fit(const FitArguments& arguments) {
     return fail(2, "'" + arguments.input + "': " + why + axis);
   };
   const auto lap = [&](const char* stage) { notes.seconds.push_back({stage, watch.lap()}); };
+  const std::size_t warnings_before = notes.warnings.size();
   const auto fit_as_it_lies = [&]() -> tl::expected<BodyFit, std::string> {
+    notes.warnings.resize(warnings_before);  // a fit that is made again says all of its own again
     // Heights along the axis that the fit is about.
     std::vector<std::unique_ptr<WindowStream>> windows;
     std::vector<ProfileStream*> parts(input->parts().begin(), input->parts().end());
@@ -309,16 +314,16 @@ int fit(const FitArguments& arguments) {
   // All samples know the axis better than the few that it was found from.
   const auto better = fitted && notes.own_axis && arguments.model == "auto" ? fitted->better_axis() : std::nullopt;
   if (better) {
-    const LocalFrame first = *notes.own_axis;
-    const std::string first_reason = notes.shape_reason;
-    notes.own_axis->X_SL = first.X_SL * *better;
+    const ResultNotes first = notes;
+    notes.own_axis->X_SL = first.own_axis->X_SL * *better;
     if (auto placed = input->place(notes.own_axis->X_SL); !placed) return fail(2, placed.error());
     auto again = fit_as_it_lies();
     if (again && again->wall_is_round()) {
       fitted = std::move(again);
     } else {
-      notes.own_axis = first;
-      notes.shape_reason = first_reason;
+      auto seconds = std::move(notes.seconds);
+      notes = first;
+      notes.seconds = std::move(seconds);
     }
   }
   if (!input->error().empty()) return fail(2, input->error());

@@ -4,7 +4,6 @@
 
 #include <TopoDS_Face.hxx>
 #include <TopoDS_Shape.hxx>
-#include <optional>
 #include <span>
 #include <string>
 #include <tl/expected.hpp>

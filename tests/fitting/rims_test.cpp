@@ -129,6 +129,13 @@ TEST(Rims, SamplesAreCarriedWithTheirCovariances) {
   profile.z_mm = {30, 50, 200};
   profile.covariance.assign(3, {.rr = 4e-4f, .rt = 1e-5f, .rz = 1e-4f, .tt = 1e-6f, .tz = 2e-5f, .zz = 9e-4f});
   profile.row = {1, 2, 3};
+  for (const bool angle : {false, true}) {  // samples without numbers, which are nowhere
+    profile.r_mm.push_back(30);
+    profile.theta_rad.push_back(angle ? std::nan("") : 1);
+    profile.z_mm.push_back(angle ? 30 : std::nan(""));
+    profile.covariance.push_back(profile.covariance.front());
+    profile.row.push_back(4);
+  }
   class One : public ProfileStream {
    public:
     explicit One(const Profile& p) : profile_(p) {}
