@@ -15,6 +15,7 @@
 #include "daemon/frame_feed.h"
 #include "daemon/profile_log.h"
 #include "daemon/results.h"
+#include "daemon/safe_on_exit.h"
 #include "daemon/scan_capture.h"
 #include "daemon/scan_preparation.h"
 #include "daemon/scan_solution.h"
@@ -27,37 +28,6 @@ constexpr double kBytesPerSample = 50;
 tl::unexpected<ScanStop> failed(const std::string& reason, ScanFailure failure = ScanFailure::system) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false, failure});
 }
-
-/// Lasers off and motor stopped on every way out. Until then a cancel or the button also ends waits for a motion.
-/// Nothing to do for a recording.
-class SafeOnExit {
- public:
-  SafeOnExit(ScannerDevice* device, ScanObserver& observer) : device_(device) {
-    if (device_ == nullptr) return;
-    device_->set_interrupt([&observer, device]() -> std::optional<std::string> {
-      if (device->take_button_presses() > 0) return "by the button on the machine";
-      return observer.cancelled();
-    });
-  }
-  ~SafeOnExit() {
-    if (device_ == nullptr) return;
-    if (!done_) device_->make_safe();
-    device_->set_interrupt({});
-  }
-  SafeOnExit(const SafeOnExit&) = delete;
-  SafeOnExit& operator=(const SafeOnExit&) = delete;
-  /// What is not safe; nullopt: all is.
-  std::optional<std::string> now() {
-    if (device_ == nullptr) return std::nullopt;
-    done_ = true;
-    const SafeReport left = device_->make_safe();
-    return left.lasers_off && left.motor_stopped ? std::nullopt : std::optional(left.text);
-  }
-
- private:
-  ScannerDevice* device_;
-  bool done_ = false;
-};
 
 /// Wall-clock time of the stages, one after the other.
 class StageClock {

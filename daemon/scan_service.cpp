@@ -177,6 +177,7 @@ json to_json(const ScanRecord& record) {
 }
 
 json to_json(const MachineState& machine) {
+  const auto& test = machine.self_test;
   return {{"connected", machine.connected},
           {"machine", machine.machine},
           {"device_url", machine.device_url},
@@ -191,6 +192,8 @@ json to_json(const MachineState& machine) {
           {"remote_enabled", machine.remote_enabled},
           {"found", machine.found},
           {"link", link_json(machine.link)},
+          {"button", machine.button},
+          {"self_test", test ? json{{"passed", test->passed}, {"text", test->text}} : json(nullptr)},
           {"state", to_string(machine.state)},
           {"current_scan", machine.current_scan}};
 }

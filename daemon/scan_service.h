@@ -62,6 +62,12 @@ struct LinkState {
   double round_trip_ms = 0, longest_round_trip_ms = 0;
 };
 
+/// What a long press of the button found.
+struct SelfTestResult {
+  bool passed = false;
+  std::string text;  ///< one sentence: what was seen, or what is wrong and the remedy
+};
+
 struct MachineState {
   bool connected = false;
   std::string machine, device_url, camera_url, error;
@@ -70,11 +76,13 @@ struct MachineState {
   double angle_deg = 0;
   bool interlock_closed = false, laser_on = false;
   std::string fault;
-  bool remote_enabled = true;         ///< the machine's switch, if it has one, allows a start from afar
-  std::string found;                  ///< what was found and left when it was connected
-  LinkState link;                     ///< to the controller
-  ScanState state = ScanState::idle;  ///< of the scan that owns the device
-  std::uint64_t current_scan = 0;     ///< 0: none
+  bool remote_enabled = true;  ///< the machine's switch, if it has one, allows a start from afar
+  std::string found;           ///< what was found and left when it was connected
+  LinkState link;              ///< to the controller
+  std::string button;          ///< why the button at the computer cannot be used; empty: it can, or there is none
+  std::optional<SelfTestResult> self_test;  ///< the newest since the daemon started
+  ScanState state = ScanState::idle;        ///< of the scan that owns the device
+  std::uint64_t current_scan = 0;           ///< 0: none
 };
 
 /// Why a request was not taken: HTTP status and a sentence with value and remedy.
