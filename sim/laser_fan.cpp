@@ -53,23 +53,24 @@ LaserFan::View LaserFan::view_of(const Scene& scene, const VirtualCamera& camera
   const bool rows_differ = exposure.line_time_ns != 0 && !scene.turns_invisibly() &&
                            std::abs(angle_for_row(exposure, 0, node) - angle_for_row(exposure, 1e9, node)) > 1e-9;
   const double middle_row = 0.5 * (config_.camera.height_px - 1);
-  return {scene, camera, exposure, node, angle_for_row(exposure, middle_row, node), rows_differ};
+  const double angle = angle_for_row(exposure, middle_row, node);
+  return {scene, camera, exposure, node, angle, std::cos(angle), std::sin(angle), rows_differ};
 }
 
 Ray LaserFan::ray_W(const Vector3d& direction, int k) const {
   return {sheet_.emitter_W + across_mm(sheet_, k) * sheet_.normal_W, direction};
 }
 
-// One ray of the sheet to where it meets the scene, and that point into the image. near: a neighbour that met the
-// object nearby; near_is_seen: what it says of the camera's view holds here too.
-Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, const Beam* near,
-                         bool near_is_seen) const {
+// One ray of the sheet to where it meets the scene, and that point into the image.
+Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, const std::optional<Near>& near) const {
   Beam beam;
-  const double c = std::cos(angle_rad), s = std::sin(angle_rad);
+  const bool in_middle = angle_rad == view.middle_angle;
+  const double c = in_middle ? view.middle_cos : std::cos(angle_rad);
+  const double s = in_middle ? view.middle_sin : std::sin(angle_rad);
   const Ray ray_T{turned(ray_W.p, c, -s), turned(ray_W.d, c, -s)};
   std::optional<Hit> hit;
-  if (near != nullptr) hit = view.scene.refine(ray_T, near->t, near->facet);
-  bool seen = near != nullptr && (hit || near_is_seen);
+  if (near) hit = view.scene.refine(ray_T, near->t, near->facet);
+  const bool seen = near && (hit || near->is_seen);
   if (!hit) hit = view.scene.intersect(ray_T);
   if (!hit) return beam;
   const Vector3d centre_T = turned(view.camera.centre_W(), c, -s);
@@ -99,13 +100,17 @@ Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, c
 
 Beam LaserFan::trace_middle(const View& view, const Vector3d& direction, const Beam* near) const {
   const Ray middle = ray_W(direction, kAcross / 2);
-  if (near != nullptr && view.rows_differ) {
-    return trace_ray(view, middle, angle_for_row(view.exposure, near->y_px, view.node), near, true);
+  if (near != nullptr) {
+    const double angle = view.rows_differ ? angle_for_row(view.exposure, near->y_px, view.node) : view.middle_angle;
+    if (near->surface == Beam::kPlatter) return trace_ray(view, middle, angle, std::nullopt);
+    return trace_ray(view, middle, angle, Near{near->t, near->facet, true});
   }
-  const Beam beam = trace_ray(view, middle, view.middle_angle, near, true);
+  const Beam beam = trace_ray(view, middle, view.middle_angle, std::nullopt);
   if (!view.rows_differ || !beam.visible()) return beam;
   // The row a point falls on sets its instant, the instant the angle, the angle (weakly) the row.
-  return trace_ray(view, middle, angle_for_row(view.exposure, beam.y_px, view.node), nullptr, false);
+  const double angle = angle_for_row(view.exposure, beam.y_px, view.node);
+  if (beam.surface == Beam::kPlatter) return trace_ray(view, middle, angle, std::nullopt);
+  return trace_ray(view, middle, angle, Near{beam.t, beam.facet, !view.scene.has_edges()});
 }
 
 // Rays between the strand's last one and the ray `to`, which met `end`.
@@ -151,9 +156,23 @@ void LaserFan::trace_near(const Scene& scene, const VirtualCamera& camera, const
   for (std::size_t j = 0; j < middle.size(); ++j) {
     const Beam& seen = near.beams[kMiddlePlace][j];
     if (!seen.visible()) continue;
-    middle[j] = trace_middle(view, strand.directions[j], seen.surface == Beam::kPlatter ? nullptr : &seen);
+    middle[j] = trace_middle(view, strand.directions[j], &seen);
   }
   trace_across(view, &near, strand);
+}
+
+double LaserFan::shift_px(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure, double node,
+                          const Strand& strand) const {
+  constexpr std::size_t kSample = 8;
+  const View view = view_of(scene, camera, exposure, node);
+  double most = 0;
+  for (std::size_t j = 0; j < strand.directions.size(); j += kSample) {
+    const Beam& beam = strand.beams[kMiddlePlace][j];
+    if (!beam.visible()) continue;
+    const Beam moved = trace_middle(view, strand.directions[j], &beam);
+    if (moved.surface == beam.surface) most = std::max(most, apart_px(beam, moved));
+  }
+  return most;
 }
 
 // The places beside the middle, from what the middle met.
@@ -166,10 +185,19 @@ void LaserFan::trace_across(const View& view, const Strand* near, Strand& strand
     for (std::size_t j = 0; j < middle.size(); ++j) {
       const Beam& centre = middle[j];
       if (!centre.visible()) continue;
-      const Beam* from = near != nullptr && near->beams[k][j].visible() ? &near->beams[k][j] : &centre;
-      if (from->surface == Beam::kPlatter) from = nullptr;
-      beams[j] = trace_ray(view, ray_W(strand.directions[j], static_cast<int>(k)), centre.angle_rad, from,
-                           !view.scene.has_edges());
+      // A place beside the middle lies further along its ray by about as much as on the rays before.
+      std::optional<Near> start;
+      if (near != nullptr && near->beams[k][j].visible() && near->beams[k][j].surface != Beam::kPlatter) {
+        start = {near->beams[k][j].t, near->beams[k][j].facet, !view.scene.has_edges()};
+      } else if (centre.surface != Beam::kPlatter) {
+        const auto goes_on = [&](std::size_t back) {
+          return j >= back && beams[j - back].surface == centre.surface && middle[j - back].surface == centre.surface;
+        };
+        const auto further_by = [&](std::size_t back) { return beams[j - back].t - middle[j - back].t; };
+        const double further = !goes_on(1) ? 0 : goes_on(2) ? 2 * further_by(1) - further_by(2) : further_by(1);
+        start = {centre.t + further, goes_on(1) ? beams[j - 1].facet : centre.facet, !view.scene.has_edges()};
+      }
+      beams[j] = trace_ray(view, ray_W(strand.directions[j], static_cast<int>(k)), centre.angle_rad, start);
       if (!view.scene.has_edges() && beams[j].surface != centre.surface) beams[j] = {};
     }
   }

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstddef>
+#include <optional>
 #include <vector>
 
 #include "sim/exposure.h"
@@ -53,19 +54,27 @@ class LaserFan {
   /// The same rays at another node of an exposure over which the table turns little: what `near` shows is visible.
   void trace_near(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure, double node,
                   const Strand& near, Strand& strand) const;
+  /// How far, in pixels, points of a strand traced at node 0 move until `node`: the most of a sample of them.
+  double shift_px(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure, double node,
+                  const Strand& strand) const;
 
  private:
   struct View {
     const Scene& scene;
     const VirtualCamera& camera;
     const Exposure& exposure;
-    double node, middle_angle;
+    double node, middle_angle, middle_cos, middle_sin;
     bool rows_differ;
   };
   View view_of(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure, double node) const;
   double angle_for_row(const Exposure& exposure, double row, double node) const;
   Ray ray_W(const Eigen::Vector3d& direction, int k) const;
-  Beam trace_ray(const View& view, const Ray& ray_W, double angle_rad, const Beam* near, bool near_is_seen) const;
+  struct Near {  ///< a neighbour's point on the object, and where on this ray to look for it
+    double t;
+    int facet;
+    bool is_seen;  ///< what the neighbour says of the camera's view holds here too
+  };
+  Beam trace_ray(const View& view, const Ray& ray_W, double angle_rad, const std::optional<Near>& near) const;
   Beam trace_middle(const View& view, const Eigen::Vector3d& direction, const Beam* near) const;
   void add_between(const View& view, const Eigen::Vector3d& to, const Beam& end, int depth, Strand& strand) const;
   void trace_across(const View& view, const Strand* near, Strand& strand) const;

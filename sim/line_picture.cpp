@@ -83,6 +83,36 @@ int pair_on_surface(const std::vector<Beam>& b, int ray, int surface, double y) 
   return best;
 }
 
+/// Brightness along a row: s(u) by Newton's divided differences, u in pixels from the line's middle.
+struct Profile {
+  std::array<float, kAcross> node, c;
+  float low, high;  ///< ends of what was traced
+  float share;
+  float shift;  ///< u of the first pixel
+  float b0, b1;
+  float variance, blur2;
+};
+
+// The number of nodes is a constant, so that the loop over pixels vectorises.
+template <std::size_t n>
+void add_light(const Profile& profile, float* out, int count) {
+  const Profile p = profile;
+  for (int i = 0; i < count; ++i) {
+    const float u = p.shift + static_cast<float>(i);
+    const float source = std::min(std::max(u * p.share, p.low), p.high);
+    float s = p.c[n - 1], slope = 0;
+    for (std::size_t m = n - 1; m-- > 0;) {
+      const float step = source - p.node[m];
+      slope = slope * step + s;
+      s = s * step + p.c[m];
+    }
+    s += slope * (u - source);
+    const float spread = p.variance + slope * slope * p.blur2;
+    const float b = std::max(0.F, p.b0 + p.b1 * source);
+    out[i] += b / std::sqrt(spread) * exp_minus(0.5F * s * s / spread);
+  }
+}
+
 }  // namespace
 
 struct LinePicture::Crossing {
@@ -227,19 +257,19 @@ void LinePicture::draw_row(int row, const LaserSheet& sheet, const Places& x, co
   // one.
   const auto share = static_cast<float>(
       sigma * sigma / (sigma * sigma + slope_mm_per_px * slope_mm_per_px * config_.blur_px * config_.blur_px));
-  for (int i = from; i < to; ++i) {
-    const float u = shift + static_cast<float>(i - from);
-    const float source = std::min(std::max(u * share, low), high);
-    float s = c[static_cast<std::size_t>(n - 1)], slope = 0;
-    for (int m = n - 2; m >= 0; --m) {
-      const float step = source - node[static_cast<std::size_t>(m)];
-      slope = slope * step + s;
-      s = s * step + c[static_cast<std::size_t>(m)];
-    }
-    s += slope * (u - source);
-    const float spread = variance + slope * slope * blur2;
-    const float b = std::max(0.F, b0 + b1 * source);
-    out[i] += b / std::sqrt(spread) * exp_minus(0.5F * s * s / spread);
+  const Profile profile{node, c, low, high, share, shift, b0, b1, variance, blur2};
+  switch (n) {
+    case 2:
+      add_light<2>(profile, out + from, to - from);
+      break;
+    case 3:
+      add_light<3>(profile, out + from, to - from);
+      break;
+    case 4:
+      add_light<4>(profile, out + from, to - from);
+      break;
+    default:
+      add_light<kAcross>(profile, out + from, to - from);
   }
   if (config_.reflection > 0)
     draw_reflection(

@@ -25,11 +25,17 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, double a
   const long cell = scene.turns_invisibly() ? 0 : std::lround(angle_rad / kCell_rad);
   if (ready_ && cell == cell_) return;
   cell_ = cell;
-  ready_ = true;
   const double angle = static_cast<double>(cell) * kCell_rad, c = std::cos(angle), s = std::sin(angle);
   const int width = config_.camera.width_px, height = config_.camera.height_px;
   const int columns = (width + kBlock - 1) / kBlock + 1, rows = (height + kBlock - 1) / kBlock + 1;
   const Vector3d lamp = Vector3d(0.35, 0.55, 0.75).normalized(), centre_T = turned(camera.centre_W(), c, -s);
+  if (!ready_) {
+    rays_W_.clear();
+    for (int j = 0; j < rows; ++j) {
+      for (int i = 0; i < columns; ++i) rays_W_.push_back(camera.ray_W(i * kBlock, j * kBlock));
+    }
+  }
+  ready_ = true;
   std::vector<float> grid(static_cast<std::size_t>(columns * rows));
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
@@ -37,7 +43,7 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, double a
                    fy = std::min(1.0, static_cast<double>(j * kBlock) / height);
       double level = config_.ambient_low + (config_.ambient_high - config_.ambient_low) * (0.7 * fx + 0.3 * (1 - fy)) +
                      0.08 * config_.ambient_high * std::sin(9 * fx + 1) * std::sin(6 * fy);
-      const Vector3d d_T = turned(camera.ray_W(i * kBlock, j * kBlock), c, -s);
+      const Vector3d d_T = turned(rays_W_[static_cast<std::size_t>(j * columns + i)], c, -s);
       if (const auto hit = scene.intersect({centre_T, d_T})) {
         const double lit = std::max(0.0, hit->normal.dot(turned(lamp, c, -s)));
         const double albedo = hit->material == Material::platter ? config_.platter_albedo : 1;

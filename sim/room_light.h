@@ -22,6 +22,7 @@ class RoomLight {
  private:
   OpticsConfig config_;
   std::vector<float> levels_;
+  std::vector<Eigen::Vector3d> rays_W_;  ///< of the pixels that are looked at
   long cell_ = 0;
   bool ready_ = false;
 };

@@ -12,7 +12,9 @@ class Vase final : public Shape {
     const double rise = std::exp((25 - z) / 18), fall = std::exp((z - 100) / 5);
     const double a = 1 / (1 + rise), b = 1 / (1 + fall);
     const double lip_at = (z - 121) / 5, foot_at = z / 8;
-    const double lip = 4 * std::exp(-lip_at * lip_at), foot = 5 * std::exp(-foot_at * foot_at);
+    constexpr double kNothing = 45;  // e^-45 vanishes beside the 13 mm of the body
+    const double lip = lip_at * lip_at < kNothing ? 4 * std::exp(-lip_at * lip_at) : 0;
+    const double foot = foot_at * foot_at < kNothing ? 5 * std::exp(-foot_at * foot_at) : 0;
     const double body = 26 * a * b;
     return {13 + body + lip + foot, 0,
             body * (rise * a / 18 - fall * b / 5) - lip * 2 * lip_at / 5 - foot * 2 * foot_at / 8};

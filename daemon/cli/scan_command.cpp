@@ -121,7 +121,12 @@ void add_scan_command(CLI::App& program, Run& run) {
   command->option_defaults()->always_capture_default();
   command->add_option("--simulate", a->scene, "start a virtual scanner with this scene and a daemon for it")
       ->check(CLI::IsMember({"vase", "vase-squeezed", "humidifier", "cylinder", "cylinder-off", "knob", "sphere",
-                             "stepped-shaft", "lobed-shaft", "taper"}));
+                             "stepped-shaft", "lobed-shaft", "taper"}) |
+              CLI::Validator(
+                  [](const std::string& scene) {
+                    return scene.rfind("mesh:", 0) == 0 ? std::string() : "or mesh:FILE of an STL or PLY file";
+                  },
+                  "or mesh:FILE"));
   command->add_option("--seed", a->seed, "of every random number of the virtual scanner");
   command->add_option("--server", a->server, kServerHelp);
   command->add_option("-o,--output", a->follow.folder,

@@ -1,6 +1,7 @@
 #include "sim/mesh_body.h"
 
 #include <gtest/gtest.h>
+#include <Eigen/LU>
 
 #include <cmath>
 #include <numbers>
