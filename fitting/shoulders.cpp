@@ -152,9 +152,10 @@ class Ring {
     if (above == 0) return;
     double spacing = 0;
     for (std::size_t k = 1; k < outer.size(); ++k) spacing = std::max(spacing, outer[k].z - outer[k - 1].z);
-    spacing = std::min(spacing, near_[above].z - near_[above - 1].z);
-    shoulder.height_mm = outer_above ? outer.front().z - spacing / 2 : outer.back().z + spacing / 2;
-    shoulder.sd_mm = spacing / std::sqrt(12.0);
+    // The row that the edge cuts often shows no line: it may end up to two spacings further on.
+    const double open_mm = std::min(2 * spacing, near_[above].z - near_[above - 1].z);
+    shoulder.height_mm = outer_above ? outer.front().z - open_mm / 2 : outer.back().z + open_mm / 2;
+    shoulder.sd_mm = open_mm / std::sqrt(12.0);
   }
 
   /// What the samples show about the ring at its height.

@@ -21,7 +21,7 @@ struct Shoulder {
 };
 
 /// The shoulders that find_steps() sees in an even sample, from below; the stream is in the frame of a cylinder that is
-/// closed around and is read once. Heights are medians of the samples on the ring, or where none lie there half a
+/// closed around and is read once. Heights are medians of the samples on the ring, or where none lie there one
 /// spacing of heights beyond the last samples of the outer wall, which nothing hides.
 std::vector<Shoulder> find_shoulders(ProfileStream& samples);
 

@@ -218,8 +218,8 @@ TEST(Shoulders, ShadowsBelongToTheInnerWall) {
   }
   const auto shoulders = find_shoulders(samples);
   ASSERT_EQ(shoulders.size(), 2u);
-  EXPECT_NEAR(shoulders[0].height_mm, 62, 0.07);
-  EXPECT_NEAR(shoulders[1].height_mm, 66, 0.07);
+  EXPECT_NEAR(shoulders[0].height_mm, 62, 0.13);  // rows are that far apart
+  EXPECT_NEAR(shoulders[1].height_mm, 66, 0.13);
   const auto fit = fit_composite(samples, {{}, {}, shoulders}, {.form_tolerance_mm = 0.002});
   ASSERT_TRUE(fit) << fit.error().message;
   const double radii[] = {18, 15, 18};
