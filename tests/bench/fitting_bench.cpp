@@ -21,6 +21,7 @@
 
 #include "fitting/knot_selection.h"
 #include "fitting/moment_kernels.h"
+#include "fitting/regular_grid.h"
 #include "fitting/signed_distance.h"
 #include "fitting/solid_properties.h"
 #include "fitting/surface_comparison.h"

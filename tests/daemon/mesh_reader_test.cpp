@@ -61,11 +61,12 @@ TEST_F(MeshReader, ReadsWhatTheWriterWrites) {
 
 TEST_F(MeshReader, ReadsTextAndPolygons) {
   expect_pyramid(kTextPly);
+  const TriangleMesh body = pyramid();
   std::string stl = "solid pyramid\n";
-  for (const auto& t : pyramid().triangles) {
+  for (const auto& t : body.triangles) {
     stl += " facet normal 0 0 0\n  outer loop\n";
     for (const auto corner : t) {
-      const auto& v = pyramid().vertices_mm[corner];
+      const auto& v = body.vertices_mm[corner];
       stl += "   vertex " + std::to_string(v.x()) + " " + std::to_string(v.y()) + "\t" + std::to_string(v.z()) + "\r\n";
     }
     stl += "  endloop\n endfacet\n";
