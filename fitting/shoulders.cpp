@@ -156,6 +156,8 @@ class Ring {
     const double open_mm = std::min(2 * spacing, near_[above].z - near_[above - 1].z);
     shoulder.height_mm = outer_above ? outer.front().z - open_mm / 2 : outer.back().z + open_mm / 2;
     shoulder.sd_mm = open_mm / std::sqrt(12.0);
+    // Rows beside the edge may show a little of both walls, or of the ring.
+    shoulder.edge_mm = open_mm;
   }
 
   /// What the samples show about the ring at its height.
@@ -164,7 +166,8 @@ class Ring {
     std::vector<double> on_ring = heights_on_ring();
     shoulder.seen = on_ring.size();
     shoulder.scatter_mm = scatter_of(on_ring, shoulder.height_mm);
-    shoulder.edge_mm = kMargin * std::max(edge(shoulder.height_mm, false), edge(shoulder.height_mm, true));
+    shoulder.edge_mm =
+        std::max(shoulder.edge_mm, kMargin * std::max(edge(shoulder.height_mm, false), edge(shoulder.height_mm, true)));
   }
 
  private:
