@@ -73,6 +73,41 @@ void read_http(const toml::table& section, Config& config) {
   }
 }
 
+std::int64_t milliseconds_ns(const std::string& key, const toml::node& node, std::int64_t low, std::int64_t high) {
+  const auto value = node.value_exact<std::int64_t>();
+  if (value && *value >= low && *value <= high) return *value * 1'000'000;
+  throw Problem{line_of(node) + key + " is no whole number of milliseconds from " + std::to_string(low) + " to " +
+                std::to_string(high) + "."};
+}
+
+PressMeaning meaning(const std::string& key, const toml::node& node) {
+  const auto value = node.value_exact<std::string>();
+  if (value == "scan") return PressMeaning::scan;
+  if (value == "self-test") return PressMeaning::self_test;
+  if (value == "nothing") return PressMeaning::nothing;
+  throw Problem{line_of(node) + key + " is not \"scan\", \"self-test\" or \"nothing\"."};
+}
+
+void read_button(const toml::table& section, Config& config) {
+  for (const auto& [name, node] : section) {
+    const std::string key = "button." + std::string(name.str());
+    if (key == "button.source") {
+      config.button = text(key, node);
+    } else if (key == "button.debounce_ms") {
+      config.presses.timing.debounce_ns = milliseconds_ns(key, node, 1, 200);
+    } else if (key == "button.long_ms") {
+      config.presses.timing.lasting_ns = milliseconds_ns(key, node, 300, 60'000);
+    } else if (key == "button.short_press") {
+      config.presses.brief = meaning(key, node);
+    } else if (key == "button.long_press") {
+      config.presses.lasting = meaning(key, node);
+    } else {
+      throw Problem{line_of(node) + key +
+                    " is not known; [button] has source, debounce_ms, long_ms, short_press and long_press."};
+    }
+  }
+}
+
 void read_volume(const toml::table& section, Config& config) {
   for (const auto& [name, node] : section) {
     const std::string key = "volume." + std::string(name.str());
@@ -183,13 +218,15 @@ void read_root(const toml::table& root, Config& config) {
       read_http(table(key, node), config);
     } else if (key == "scan") {
       read_scan(table(key, node), config);
+    } else if (key == "button") {
+      read_button(table(key, node), config);
     } else if (key == "volume") {
       read_volume(table(key, node), config);
     } else {
       throw Problem{
           line_of(node) + "'" + key +
           "' is not known; the keys are device, camera, calibration, store, record, log_level and the sections "
-          "[drive], [http], [motion], [scan], [volume]."};
+          "[button], [drive], [http], [motion], [scan], [volume]."};
     }
   }
 }
@@ -245,6 +282,9 @@ tl::expected<void, ConfigError> check_config(const Config& config) {
   if (!starts_with_one_of(config.camera, {"v4l2:", "sim:", "replay:"})) {
     return refused("The camera is '" + config.camera +
                    "'; give --camera v4l2:/dev/videoN, sim:FOLDER or replay:FOLDER.");
+  }
+  if (!config.button.empty()) {
+    if (auto button = check_button_url(config.button); !button) return refused(button.error().message);
   }
   if (config.calibration.empty()) return refused("No calibration file is named; give --calibration FILE.");
   if (config.store.empty()) return refused("No folder for the scans is named; give --store FOLDER.");

@@ -10,6 +10,7 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/triangulation.h"
+#include "daemon/button_options.h"
 #include "daemon/scan_service.h"
 
 namespace celadon {
@@ -43,7 +44,9 @@ struct Config {
   std::uint16_t http_port = 7450;  ///< 0: any free one
   std::string unix_socket;         ///< path; empty: none
   std::string log_level = "info";
-  ScanRequest scan;  ///< what a press of the button starts; defaults for nothing else
+  std::string button;     ///< "evdev:..", "gpio:.."; empty: the machine's own alone
+  ButtonOptions presses;  ///< without `open`
+  ScanRequest scan;       ///< what a press of the button starts; defaults for nothing else
   ScanVolume volume;
 };
 

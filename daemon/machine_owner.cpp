@@ -58,6 +58,7 @@ class ScanQueue::Observer final : public ScanObserver {
   }
   void on_status(const DeviceStatus& status) override { queue_.note_status(status); }
   std::optional<std::string> cancelled() override {
+    if (queue_.host_button_begun()) return "by the button";
     const MutexLock lock(queue_.mutex_);
     if (queue_.stop_) return "because the daemon ends";
     return queue_.cancel_;
@@ -113,6 +114,7 @@ void ScanQueue::own_machine() {
 }
 
 void ScanQueue::connect() {
+  look_at_host_button();
   auto connection = connect_();
   if (connection) {
     connection_ = std::move(*connection);
@@ -141,6 +143,7 @@ void ScanQueue::connect() {
     wake_.notify_all();
     return;
   }
+  if (host_button_ && host_button_->presses().take()) spdlog::warn("button pressed, but no machine is connected");
   bool known = false;
   {
     const MutexLock lock(mutex_);
@@ -160,7 +163,13 @@ void ScanQueue::connect() {
 
 /// One look at the machine while no scan runs: heartbeat, state for the clients, the button.
 void ScanQueue::watch_machine() {
-  if (!connection_->device) return;
+  look_at_host_button();
+  if (!connection_->device) {
+    if (host_button_) {
+      if (const auto press = host_button_->presses().take()) obey(*press);
+    }
+    return;
+  }
   auto status = connection_->device->poll();
   if (!status) {
     const auto kind = status.error().kind;
@@ -181,11 +190,14 @@ void ScanQueue::watch_machine() {
   const LampPattern idle = result_lamp_.value_or(LampPattern::ready);
   show_lamp(status->fault_code != 0 ? LampPattern::fault : unfit ? LampPattern::attention : idle);
 
-  if (presses <= 0 || status->local_action_needed) return;
-  spdlog::info("button pressed");
-  if (auto submitted = submit(options_.button_request, "button"); !submitted) {
-    spdlog::warn("the button's scan was not taken: {}", submitted.error().detail);
+  std::optional<PressLength> press;
+  if (host_button_) press = host_button_->presses().take();
+  if (status->local_action_needed) {
+    if (press) spdlog::warn("the machine is locked: press the button on the machine itself, then this one again");
+    return;
   }
+  if (presses > 0) press = follow_press(*status);
+  if (press && connection_) obey(*press);
 }
 
 void ScanQueue::run(std::uint64_t id) {
@@ -200,6 +212,7 @@ void ScanQueue::run(std::uint64_t id) {
     task.results_folder = store_.results_folder(id);
     if (!options_.recordings.empty()) task.recording_folder = options_.recordings / std::to_string(id);
   }
+  if (host_button_) host_button_->presses().mark();
   const bool simulated = is_simulated(*connection_);
   change(id, false, [&](ScanRecord& record) { record.simulated = simulated; });
   Observer observer(*this, id);
@@ -217,6 +230,8 @@ void ScanQueue::run(std::uint64_t id) {
   } else {
     spdlog::warn("scan {}: {}: {}", id, to_string(state), outcome.error().reason);
   }
+  const bool lost = !outcome && (outcome.error().device_lost || outcome.error().camera_lost);
+  if (!lost) drop_late_presses();
   result_lamp_ = lamp_of(state);
   result_lamp_end_ = std::chrono::steady_clock::now() + options_.result_lamp;
   show_lamp(*result_lamp_);
@@ -226,7 +241,7 @@ void ScanQueue::run(std::uint64_t id) {
     machine_.current_scan = 0;
   }
   // First the machine, then the scan: who hears of its end and asks for another must not meet a machine that is lost.
-  if (!outcome && (outcome.error().device_lost || outcome.error().camera_lost)) lose_connection(outcome.error().reason);
+  if (lost) lose_connection(outcome.error().reason);
   change(id, true, [&](ScanRecord& record) {
     record.state = state;
     if (outcome) {

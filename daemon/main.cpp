@@ -40,7 +40,7 @@ sigset_t block_signals() {
 }
 
 struct CommandLine {
-  std::string config_file, device, camera, calibration, store, record, unix_socket, log_level;
+  std::string config_file, device, camera, button, calibration, store, record, unix_socket, log_level;
   int port = -1;
 };
 
@@ -52,6 +52,7 @@ tl::expected<Config, ConfigError> configure(const CommandLine& line) {
   }
   if (!line.device.empty()) config.device = line.device;
   if (!line.camera.empty()) config.camera = line.camera;
+  if (!line.button.empty()) config.button = line.button;
   if (!line.calibration.empty()) config.calibration = line.calibration;
   if (!line.store.empty()) config.store = line.store;
   if (!line.record.empty()) config.record = line.record;
@@ -73,6 +74,8 @@ int serve(const Config& config, const sigset_t& ending) {
   options.camera_url = config.camera;
   options.recordings = config.record;
   options.button_request = config.scan;
+  options.button = config.presses;
+  if (!config.button.empty()) options.button.open = [url = config.button] { return open_button(url); };
   options.volume = config.volume;
   ScanQueue queue(std::move(*store), *calibration, options, [&] {
     return connect_scanner(config.device, config.camera, *calibration, config.drive, config.motion);
@@ -107,6 +110,8 @@ int run(int argc, char** argv) {
   app.add_option("--device", line.device,
                  "modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID]; none with replay:");
   app.add_option("--camera", line.camera, "v4l2:/dev/videoN, sim:FOLDER or replay:FOLDER");
+  app.add_option("--button", line.button,
+                 "a button at this computer, too: evdev:/dev/input/PATH[:KEY] or gpio:CHIP:LINE[?active=high|low]");
   app.add_option("--calibration", line.calibration, "calibration file of this machine and camera");
   app.add_option("--store", line.store, "folder of the scans");
   app.add_option("--record", line.record, "folder: keep the frames of each scan in it, for replay:");

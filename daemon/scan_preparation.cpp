@@ -50,19 +50,6 @@ class MeanFrame {
   int count_ = 0;
 };
 
-tl::expected<std::vector<std::uint8_t>, ScanStop> mean_frame(FrameFeed& feed, Clock& clock) {
-  MeanFrame mean;
-  const std::int64_t dark_since_ns = clock.now_ns();
-  while (mean.count() < kBackgroundFrames) {
-    auto frame = feed.next_after(dark_since_ns);
-    if (!frame) return tl::make_unexpected(frame.error());
-    if (auto added = mean.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
-    const AngleAtInstant standing{feed.status().angle_rad, 0, 0};
-    if (auto kept = feed.keep(*frame, standing, FrameUse::background); !kept) return tl::make_unexpected(kept.error());
-  }
-  return mean.mean();
-}
-
 /// What the line on the object as it stands says of the scan to come.
 tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const LineBrightness& brightness,
                                    const FrameInfo& seen, double angle_rad, const ScanVolume& volume,
@@ -146,6 +133,19 @@ LineBrightness brightness_of(const std::vector<LineRow>& rows) {
   return b;
 }
 
+tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& feed, Clock& clock) {
+  MeanFrame mean;
+  const std::int64_t dark_since_ns = clock.now_ns();
+  while (mean.count() < kBackgroundFrames) {
+    auto frame = feed.next_after(dark_since_ns);
+    if (!frame) return tl::make_unexpected(frame.error());
+    if (auto added = mean.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
+    const AngleAtInstant standing{feed.status().angle_rad, 0, 0};
+    if (auto kept = feed.keep(*frame, standing, FrameUse::background); !kept) return tl::make_unexpected(kept.error());
+  }
+  return mean.mean();
+}
+
 tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanTask& task,
                                                ScanObserver& observer) {
   ScannerDevice& device = *equipment.device;
@@ -176,7 +176,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
                                                        const Triangulator& triangulator) {
   ScanPreparation preparation;
   if (auto off = feed.laser_off(); !off) return tl::make_unexpected(off.error());
-  auto background = mean_frame(feed, equipment.clock);
+  auto background = dark_background(feed, equipment.clock);
   if (!background) return tl::make_unexpected(background.error());
   preparation.background = std::move(*background);
 

@@ -33,6 +33,8 @@ struct ScanPreparation {
 /// is the observer's), homes if needed, sets the exposure.
 tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanTask& task,
                                                ScanObserver& observer);
+/// Mean of a few frames that were exposed from now on. @pre the laser is off
+tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& feed, Clock& clock);
 /// Background with the laser off, then the laser on until its line is steady. Leaves the laser on.
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
                                                        LaserLineExtractor& extractor, const Triangulator& triangulator);

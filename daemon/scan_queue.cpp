@@ -25,6 +25,7 @@ ScanQueue::ScanQueue(ScanStore store, Calibration calibration, ScanQueueOptions 
       connect_(std::move(connect)),
       retry_(options_.first_retry),
       store_(std::move(store)) {
+  if (options_.button.open) host_button_.emplace(options_.button.open, options_.button.timing);
   const MutexLock lock(mutex_);
   std::vector<std::string> problems;
   for (ScanRecord& record : store_.load(problems)) records_.emplace(record.id, std::move(record));

@@ -11,6 +11,7 @@
 #include <thread>
 #include <vector>
 
+#include "daemon/button_options.h"
 #include "daemon/scan_job.h"
 #include "daemon/scan_service.h"
 #include "daemon/scan_store.h"
@@ -22,6 +23,7 @@ namespace celadon {
 struct ScanQueueOptions {
   std::string device_url, camera_url;  ///< as shown to clients
   ScanRequest button_request;          ///< what a press starts
+  ButtonOptions button = {};
   ScanVolume volume;
   std::filesystem::path recordings = {};  ///< folder for the frames of each scan; empty: they are not kept
   std::size_t longest_queue = 100;
@@ -55,12 +57,20 @@ class ScanQueue final : public ScanService {
 
  private:
   class Observer;
+  class TestObserver;
 
   // The owner's thread, from top to bottom (machine_owner.cpp).
   void own_machine() CELADON_EXCLUDES(mutex_);
   void connect() CELADON_EXCLUDES(mutex_);
   void watch_machine() CELADON_EXCLUDES(mutex_);
   void run(std::uint64_t id) CELADON_EXCLUDES(mutex_);
+  // What presses ask for (machine_button.cpp).
+  void look_at_host_button() CELADON_EXCLUDES(mutex_);
+  bool host_button_begun() CELADON_EXCLUDES(mutex_);
+  void drop_late_presses() CELADON_EXCLUDES(mutex_);
+  std::optional<PressLength> follow_press(DeviceStatus status) CELADON_EXCLUDES(mutex_);
+  void obey(PressLength press) CELADON_EXCLUDES(mutex_);
+  void test_machine() CELADON_EXCLUDES(mutex_);
   bool connect_again();
   ScanEquipment equipment_of(ScannerConnection& connection) const;
   void lose_connection(const std::string& reason) CELADON_EXCLUDES(mutex_);
@@ -86,6 +96,7 @@ class ScanQueue final : public ScanService {
   LampPattern lamp_ = LampPattern::off;
   std::optional<LampPattern> result_lamp_;  ///< how the last scan ended, until result_lamp_end_
   std::chrono::steady_clock::time_point result_lamp_end_;
+  std::optional<HostButton> host_button_;
   bool was_locked_ = false;  ///< the newest status asked for a press on the machine
 
   mutable Mutex mutex_;

@@ -22,10 +22,11 @@ enum class ScanMode : std::uint8_t { step, sweep };
 struct ScanRequest {
   std::string name;  ///< of the object; letters, digits, "-_. "; becomes part of file names
   ScanMode mode = ScanMode::sweep;
-  int profiles = 1200;         ///< a turn, 16 .. 100000
-  double exposure_ms = 0;      ///< 0: as the camera stands
-  std::string model = "auto";  ///< auto|cylinder|revolution|translational|general
-  double tolerance_mm = 0;     ///< 0: what the data carry
+  int profiles = 1200;             ///< a turn, 16 .. 100000
+  double exposure_ms = 0;          ///< 0: as the camera stands
+  std::string shape = "cylinder";  ///< cylinder|sphere|composite|auto
+  std::string model = "auto";      ///< auto|cylinder|revolution|translational|general
+  double tolerance_mm = 0;         ///< 0: what the data carry
   std::optional<double> form_tolerance_mm;
   int degree_u = 3, degree_v = 3;
   std::vector<std::string> formats = {"step", "stl", "ply", "surface.json"};  ///< report.json is always written
@@ -61,6 +62,12 @@ struct LinkState {
   double round_trip_ms = 0, longest_round_trip_ms = 0;
 };
 
+/// What a long press of the button found.
+struct SelfTestResult {
+  bool passed = false;
+  std::string text;  ///< one sentence: what was seen, or what is wrong and the remedy
+};
+
 struct MachineState {
   bool connected = false;
   std::string machine, device_url, camera_url, error;
@@ -69,11 +76,13 @@ struct MachineState {
   double angle_deg = 0;
   bool interlock_closed = false, laser_on = false;
   std::string fault;
-  bool remote_enabled = true;         ///< the machine's switch, if it has one, allows a start from afar
-  std::string found;                  ///< what was found and left when it was connected
-  LinkState link;                     ///< to the controller
-  ScanState state = ScanState::idle;  ///< of the scan that owns the device
-  std::uint64_t current_scan = 0;     ///< 0: none
+  bool remote_enabled = true;  ///< the machine's switch, if it has one, allows a start from afar
+  std::string found;           ///< what was found and left when it was connected
+  LinkState link;              ///< to the controller
+  std::string button;          ///< why the button at the computer cannot be used; empty: it can, or there is none
+  std::optional<SelfTestResult> self_test;  ///< the newest since the daemon started
+  ScanState state = ScanState::idle;        ///< of the scan that owns the device
+  std::uint64_t current_scan = 0;           ///< 0: none
 };
 
 /// Why a request was not taken: HTTP status and a sentence with value and remedy.

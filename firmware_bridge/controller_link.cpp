@@ -57,6 +57,7 @@ StatusBlock decode_status(std::span<const std::uint16_t> words) {
   s.fault_code = *at(reg::status::fault_code);
   if (s.fault_code != 0) s.fault_text = protocol::find_code(protocol::kFaultCodes, s.fault_code).meaning;
   s.button_presses = *at(reg::status::button_presses);
+  s.button_held_ms = *at(reg::status::button_held);
   s.lamp = static_cast<LampPattern>(*at(reg::status::lamp));
   s.lasers_on = *at(reg::status::lasers_measured);
   block.lasers_enabled = *at(reg::status::lasers_enabled);

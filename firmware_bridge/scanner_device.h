@@ -54,6 +54,7 @@ struct DeviceStatus {
   std::uint32_t lease_left_ms = 0;
   bool button_down = false;
   std::uint16_t button_presses = 0;  ///< latched counter, wraps
+  std::uint16_t button_held_ms = 0;  ///< how long it is down, or was the last time; stays at 65535
   std::uint16_t fault_code = 0;
   std::string fault_text;  ///< meaning of fault_code and, where known, of the drive's own number; empty for none
   bool homed = false;

@@ -14,6 +14,7 @@
 #include "acquisition/calibration.h"
 #include "firmware_bridge/controller_core.h"
 #include "sim/camera.h"
+#include "sim/exposure.h"
 #include "sim/fault_plan.h"
 #include "sim/laser.h"
 #include "sim/optics.h"

@@ -16,6 +16,7 @@
 #include <sstream>
 
 #include "sim/picture_file.h"
+#include "sim/renderer.h"
 #include "sim/server.h"
 
 namespace celadon::sim {
@@ -45,8 +46,9 @@ struct Options {
 };
 
 void add_machine_options(CLI::App& app, Options& o) {
-  app.add_option("--scene", o.scene, "object on the table")
-      ->check(CLI::IsMember(Scene::names()))
+  std::string known;
+  for (const std::string& name : Scene::names()) known += name + ", ";
+  app.add_option("--scene", o.scene, "object on the table: " + known + "or mesh:FILE (STL or PLY, millimetres)")
       ->capture_default_str();
   app.add_option("--seed", o.seed, "of every random number")->capture_default_str();
   app.add_option("--width", o.width, "image width, px")->check(CLI::Range(64, 4096))->capture_default_str();
@@ -356,6 +358,9 @@ int run(int argc, char** argv) {
   }
   if (clear->parsed()) return ask_and_print(o, "clear " + cleared);
   if (state->parsed()) return ask_and_print(o, "state");
+  if (o.socket_dir.empty() || (!calibration->parsed() && !truth->parsed())) {
+    if (const auto scene = Scene::make(o.scene); !scene) return fail(kInput, scene.error() + "; see celadon-sim --help");
+  }
   if (calibration->parsed()) return write_calibration(o, "-");
   if (truth->parsed()) {
     if (!calibration_file.empty()) return write_calibration(o, calibration_file);

@@ -74,6 +74,8 @@ const std::vector<Confined>& confined() {
       {"modbus.h", false, {"firmware_bridge/", "sim/", "tests/"}},
       {"modbus/", true, {"firmware_bridge/", "sim/", "tests/"}},
       {"libusb", true, {"firmware_bridge/", "sim/", "tests/"}},
+      {"libevdev/", true, {"firmware_bridge/", "tests/"}},
+      {"gpiod.h", false, {"firmware_bridge/", "tests/"}},
       {"boost/", true, {"daemon/http/", "tests/daemon/"}},
       {"opencv2/videoio", true, {}},
       {"opencv2/highgui", true, {}},

@@ -102,6 +102,12 @@ camera = "v4l2:/dev/video0"
 calibration = "/etc/celadon/calibration.toml"
 store = "/var/lib/celadon"
 log_level = "debug"
+[button]
+source = "evdev:/dev/input/event3:KEY_PROG1"
+debounce_ms = 30
+long_ms = 1500
+short_press = "nothing"
+long_press = "scan"
 [http]
 address = "127.0.0.1"
 port = 8080
@@ -135,6 +141,11 @@ jerk_deg_per_s3 = 2000
   ASSERT_TRUE(read) << read.error().message;
   ASSERT_TRUE(check_config(config));
   EXPECT_EQ(config.device, "modbus-rtu:/dev/ttyUSB0");
+  EXPECT_EQ(config.button, "evdev:/dev/input/event3:KEY_PROG1");
+  EXPECT_EQ(config.presses.timing.debounce_ns, 30'000'000);
+  EXPECT_EQ(config.presses.timing.lasting_ns, 1'500'000'000);
+  EXPECT_EQ(config.presses.brief, PressMeaning::nothing);
+  EXPECT_EQ(config.presses.lasting, PressMeaning::scan);
   EXPECT_EQ(config.http_port, 8080);
   EXPECT_EQ(config.unix_socket, "/run/celadon.sock");
   EXPECT_EQ(config.scan.profiles, 720);
@@ -171,6 +182,9 @@ TEST(Config, NamesFileLineAndKey) {
       {"[scan]\nprofiles = 3\n", "profiles is 3"},
       {"[scan]\nspeed = 3\n", "'speed'"},
       {"http = 3\n", "http is not a section"},
+      {"[button]\nlong_ms = 100\n", "line 2: button.long_ms is no whole number of milliseconds from 300 to 60000"},
+      {"[button]\nlong_press = \"dance\"\n", "line 2: button.long_press is not \"scan\""},
+      {"[button]\nkey = 3\n", "button.key is not known"},
       {"device = \"unterminated\n", "line 1"},
       {"camera = \"x\"\nstore = \"/home/j\xC3\xB6rg\"\n", "line 2, column 17: holds the byte 0xC3"},
       {"[motion]\nsoft = 3\n", "line 2: motion.soft is not known"},

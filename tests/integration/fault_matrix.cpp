@@ -101,6 +101,8 @@ class Service {
     // Each idle poll takes bus time: without them a cell runs through the same instants every time.
     options.poll_period = polls_when_idle ? milliseconds(2) : milliseconds(3'600'000);
     options.first_retry = options.longest_retry = milliseconds(5);
+    // Where a fault makes an idle machine feel a press, its scan is as short as the others.
+    options.button_request = request(false);
     queue_ = std::make_unique<ScanQueue>(std::move(*store), machine.calibration, options, [&machine] {
       return connect_scanner(machine.url(), machine.camera_url(), machine.calibration);
     });
@@ -115,13 +117,14 @@ class Service {
     order_state_ = state;
     order_ = order;
   }
-  tl::expected<ScanRecord, ServiceError> submit(bool step) {
+  static ScanRequest request(bool step) {
     ScanRequest request;
     request.profiles = 16;
     request.mode = step ? ScanMode::step : ScanMode::sweep;
     request.formats = {"surface.json"};
-    return queue_->submit(request, "api");
+    return request;
   }
+  tl::expected<ScanRecord, ServiceError> submit(bool step) { return queue_->submit(request(step), "api"); }
   /// The scan once it is over; nullopt: it hangs.
   std::optional<ScanRecord> end_of(std::uint64_t id) {
     std::unique_lock lock(mutex_);
