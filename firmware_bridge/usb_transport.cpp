@@ -11,6 +11,7 @@
 #include "firmware_bridge/usb_controller.h"
 #include "firmware_bridge/usb_protocol.h"
 #include "firmware_bridge/usb_stream.h"
+#include "firmware_bridge/usb_trace.h"
 
 namespace celadon {
 namespace {
@@ -19,47 +20,8 @@ using Kind = DeviceError::Kind;
 namespace usb = protocol::usb;
 namespace reg = protocol::reg;
 
-constexpr std::size_t kTraceKept = 4096;  // 4 s at 1 kHz; whoever wants them takes them at every poll
-constexpr int kArrivalShare = 5;          // of the time-out: a lost link is tried several times
-constexpr int kTraceTransfers = 2;        // one is filled while the other is handled
-
-/// The newest trace samples, oldest first.
-class TraceBuffer {
- public:
-  TraceBuffer() : samples_(kTraceKept) {}
-  void push(const TraceSample& sample) {
-    samples_[(first_ + count_) % kTraceKept] = sample;
-    if (count_ < kTraceKept) {
-      ++count_;
-    } else {
-      first_ = (first_ + 1) % kTraceKept;
-    }
-  }
-  std::size_t take(std::span<TraceSample> to) {
-    const std::size_t taken = std::min(count_, to.size());
-    for (std::size_t i = 0; i < taken; ++i) to[i] = samples_[(first_ + i) % kTraceKept];
-    first_ = (first_ + taken) % kTraceKept;
-    count_ -= taken;
-    return taken;
-  }
-
- private:
-  std::vector<TraceSample> samples_;
-  std::size_t first_ = 0, count_ = 0;
-};
-
-TraceSample decode_trace(const std::uint8_t* bytes) {
-  std::array<std::uint16_t, usb::kTraceWords> words{};
-  for (std::size_t i = 0; i < words.size(); ++i) words[i] = usb::get_word(bytes + 2 * i);
-  const auto at = [&](const protocol::Register& r) { return &words[usb::offset_of(usb::kTraceRegisters, r)]; };
-  TraceSample sample;
-  sample.time_us = protocol::get_u64(at(reg::axis_status::position_time));
-  sample.counter = protocol::get_u32(at(reg::axis_status::position_counter));
-  sample.position_udeg = protocol::join_turns(protocol::get_s32(at(reg::axis_status::angle)),
-                                              protocol::get_s32(at(reg::axis_status::turns)));
-  sample.speed_udeg_per_s = protocol::get_s32(at(reg::axis_status::speed));
-  return sample;
-}
+constexpr int kArrivalShare = 5;    // of the time-out: a lost link is tried several times
+constexpr int kTraceTransfers = 2;  // one is filled while the other is handled
 
 class UsbTransport final : public Transport {
  public:
@@ -209,10 +171,7 @@ class UsbTransport final : public Transport {
   void start_trace() {
     if (!controller_.handle || controller_.trace_endpoint == 0) return;
     trace_.emplace(controller_.handle.get(), controller_.trace_endpoint, false, controller_.trace_bytes,
-                   kTraceTransfers, [this](std::span<const std::uint8_t> bytes) {
-                     for (std::size_t at = 0; at + usb::kTraceBytes <= bytes.size(); at += usb::kTraceBytes)
-                       trace_buffer_.push(decode_trace(bytes.data() + at));
-                   });
+                   kTraceTransfers, [this](std::span<const std::uint8_t> bytes) { trace_buffer_.receive(bytes); });
   }
 
   /// Handles what libusb has, once: returns when something happened, `done` is set or the time is over. @returns false
@@ -256,7 +215,7 @@ class UsbTransport final : public Transport {
   UsbController controller_;
   std::optional<UsbStream> events_, trace_;
   std::array<std::uint8_t, LIBUSB_CONTROL_SETUP_SIZE + 2 * usb::kMaxRegisters> control_buffer_{};
-  TraceBuffer trace_buffer_;
+  UsbTrace trace_buffer_;
   bool was_connected_ = false, event_came_ = false, wants_trace_ = false;
 };
 

@@ -16,14 +16,15 @@ double MotionRecord::angle_rad(std::int64_t time_ns) const {
   return a + f * (va + f * ((3 * d - 2 * va - vb) + f * (va + vb - 2 * d)));
 }
 
-double MotionRecord::mean_power(std::int64_t from_ns, std::int64_t to_ns) const {
+double MotionRecord::mean_power(std::int64_t from_ns, std::int64_t to_ns, int laser) const {
+  const auto power = laser == 0 ? &Sample::laser_power : &Sample::second_laser_power;
   if (to_ns <= from_ns) return 0;
   // Integral of the piecewise linear power, interval by interval.
-  const auto power_at = [this](double at) {
+  const auto power_at = [this, power](double at) {
     const double x = std::clamp(at, 0.0, static_cast<double>(samples.size() - 1));
     const auto i = static_cast<std::size_t>(x), j = std::min(i + 1, samples.size() - 1);
     const double f = x - static_cast<double>(i);
-    return samples[i].laser_power * (1 - f) + samples[j].laser_power * f;
+    return samples[i].*power * (1 - f) + samples[j].*power * f;
   };
   const auto place = [this](std::int64_t t) {
     return static_cast<double>(t - first_ns) / static_cast<double>(step_ns);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "sim/rotation.h"
 
@@ -35,11 +36,15 @@ LaserFan::LaserFan(const OpticsConfig& config, const LaserSheet& sheet, const Sc
   const double top = scene.z_max_mm() + std::max(6.0, below * (kAim_mm + far) / (from + far) + 1);
   // The fan in steps of nearly two rows at 30 mm in front of the axis; cubics in between err by 1e-4 px.
   const double step = 0.22 * 1024 / config_.camera.height_px;
+  const double c = std::cos(sheet.azimuth_rad), s = std::sin(sheet.azimuth_rad);
+  const Vector3d normal = turned(sheet.normal_W, c, -s);
   double z = -15;
   while (z < top) {
     Vector3d aim(kAim_mm, 0, z);
-    aim.y() = (sheet.distance_mm - sheet.normal_W.x() * aim.x() - sheet.normal_W.z() * z) / sheet.normal_W.y();
-    fan_.push_back((aim - sheet.emitter_W).normalized());
+    aim.y() = (sheet.distance_mm - normal.x() * aim.x() - normal.z() * z) / normal.y();
+    const double height = (z - sheet.emitter_W.z()) / 50;
+    if (sheet.bow_mm != 0) aim += sheet.bow_mm * height * height * normal;
+    fan_.push_back((turned(aim, c, s) - sheet.emitter_W).normalized());
     z += step;
   }
 }
@@ -50,11 +55,11 @@ double LaserFan::angle_for_row(const Exposure& exposure, double row, double node
 
 LaserFan::View LaserFan::view_of(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure,
                                  double node) const {
-  const bool rows_differ = exposure.line_time_ns != 0 && !scene.turns_invisibly() &&
+  const bool rows_differ = exposure.line_time_ns != 0 && !turns_invisibly(scene) &&
                            std::abs(angle_for_row(exposure, 0, node) - angle_for_row(exposure, 1e9, node)) > 1e-9;
   const double middle_row = 0.5 * (config_.camera.height_px - 1);
   const double angle = angle_for_row(exposure, middle_row, node);
-  return {scene, camera, exposure, node, angle, std::cos(angle), std::sin(angle), rows_differ};
+  return {scene, camera, exposure, node, angle, TablePose(angle, config_.spindle), rows_differ};
 }
 
 Ray LaserFan::ray_W(const Vector3d& direction, int k) const {
@@ -64,21 +69,19 @@ Ray LaserFan::ray_W(const Vector3d& direction, int k) const {
 // One ray of the sheet to where it meets the scene, and that point into the image.
 Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, const std::optional<Near>& near) const {
   Beam beam;
-  const bool in_middle = angle_rad == view.middle_angle;
-  const double c = in_middle ? view.middle_cos : std::cos(angle_rad);
-  const double s = in_middle ? view.middle_sin : std::sin(angle_rad);
-  const Ray ray_T{turned(ray_W.p, c, -s), turned(ray_W.d, c, -s)};
+  const TablePose pose = angle_rad == view.middle_angle ? view.middle_pose : TablePose(angle_rad, config_.spindle);
+  const Ray ray_T{pose.to_table(ray_W.p), pose.direction_to_table(ray_W.d)};
   std::optional<Hit> hit;
   if (near) hit = view.scene.refine(ray_T, near->t, near->facet);
   const bool seen = near && (hit || near->is_seen);
   if (!hit) hit = view.scene.intersect(ray_T);
   if (!hit) return beam;
-  const Vector3d centre_T = turned(view.camera.centre_W(), c, -s);
+  const Vector3d centre_T = pose.to_table(view.camera.centre_W());
   const Vector3d to_camera = centre_T - hit->p;
   const double facing = -hit->normal.dot(ray_T.d);
   if (hit->normal.dot(to_camera) <= 0 || facing <= 0) return beam;
   if (!seen && view.scene.intersect({hit->p + 0.02 * hit->normal, to_camera}, 0, 1)) return beam;
-  const Vector3d p_W = turned(hit->p, c, s);
+  const Vector3d p_W = pose.to_scanner(hit->p);
   const Eigen::Vector2d pixel = view.camera.project(p_W);
   beam.x_px = pixel.x();
   beam.y_px = pixel.y();
@@ -95,7 +98,25 @@ Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, c
     reflectance += config_.glaze * std::pow(gloss, config_.glaze_exponent);
   }
   beam.brightness = static_cast<float>(irradiance * reflectance);
+  if (hit->material == Material::object) dress(view, *hit, ray_T, pose, beam);
   return beam;
+}
+
+// What lies beyond a matt surface of one colour.
+void LaserFan::dress(const View& view, const Hit& hit, const Ray& ray_T, const TablePose& pose, Beam& beam) const {
+  if (config_.subsurface.share > 0) {
+    const Vector3d inside = hit.p + config_.subsurface.depth_mm * ray_T.d.normalized();
+    beam.halo_px = static_cast<float>(view.camera.project(pose.to_scanner(inside)).x() - beam.x_px);
+  }
+  if (config_.fields.contrast != 1) {
+    const double psi = std::atan2(hit.p.y(), hit.p.x()) / (2 * std::numbers::pi);
+    beam.around = static_cast<float>((psi < 0 ? psi + 1 : psi) * ReflectanceFields::kAround);
+    beam.up = static_cast<float>(hit.p.z() / config_.fields.pitch_mm);
+  }
+}
+
+bool LaserFan::turns_invisibly(const Scene& scene) const {
+  return scene.turns_invisibly() && !config_.spindle.any() && config_.fields.contrast == 1;
 }
 
 Beam LaserFan::trace_middle(const View& view, const Vector3d& direction, const Beam* near) const {

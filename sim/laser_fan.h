@@ -20,8 +20,10 @@ struct Beam {
   static constexpr int kNothing = -1, kPlatter = 1 << 30;
 
   double x_px = 0, y_px = 0;
-  float brightness = 0;    ///< relative irradiance times reflectance towards the camera
-  int surface = kNothing;  ///< of the object, kPlatter, or nothing visible
+  float brightness = 0;      ///< relative irradiance times reflectance towards the camera
+  float around = 0, up = 0;  ///< fields of reflectance, counted from psi = 0 and z = 0
+  float halo_px = 0;         ///< x of what leaves the object again, less x_px
+  int surface = kNothing;    ///< of the object, kPlatter, or nothing visible
   int facet = 0;
   bool joined = false;          ///< the line goes on to the next ray's point
   double t = 0, angle_rad = 0;  ///< along the ray; of the table
@@ -46,6 +48,8 @@ class LaserFan {
   LaserFan(const OpticsConfig& config, const LaserSheet& sheet, const Scene& scene);
 
   const LaserSheet& sheet() const { return sheet_; }
+  /// The line looks the same at every table angle.
+  bool turns_invisibly(const Scene& scene) const;
   /// Traces all places across the sheet. A ray hits what is first in its way (the laser's shadow) and counts if the
   /// camera sees that point. `node` in [-1, 1] is the place within the exposure. Where a scene has edges, rays are
   /// added until neighbours meet neighbouring points or the edge lies between them.
@@ -63,7 +67,8 @@ class LaserFan {
     const Scene& scene;
     const VirtualCamera& camera;
     const Exposure& exposure;
-    double node, middle_angle, middle_cos, middle_sin;
+    double node, middle_angle;
+    TablePose middle_pose;
     bool rows_differ;
   };
   View view_of(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure, double node) const;
@@ -75,6 +80,7 @@ class LaserFan {
     bool is_seen;  ///< what the neighbour says of the camera's view holds here too
   };
   Beam trace_ray(const View& view, const Ray& ray_W, double angle_rad, const std::optional<Near>& near) const;
+  void dress(const View& view, const Hit& hit, const Ray& ray_T, const TablePose& pose, Beam& beam) const;
   Beam trace_middle(const View& view, const Eigen::Vector3d& direction, const Beam* near) const;
   void add_between(const View& view, const Eigen::Vector3d& to, const Beam& end, int depth, Strand& strand) const;
   void trace_across(const View& view, const Strand* near, Strand& strand) const;

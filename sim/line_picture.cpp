@@ -113,12 +113,20 @@ void add_light(const Profile& profile, float* out, int count) {
   }
 }
 
-}  // namespace
+void add_light(int nodes, const Profile& profile, float* out, int count) {
+  switch (nodes) {
+    case 2:
+      return add_light<2>(profile, out, count);
+    case 3:
+      return add_light<3>(profile, out, count);
+    case 4:
+      return add_light<4>(profile, out, count);
+    default:
+      return add_light<kAcross>(profile, out, count);
+  }
+}
 
-struct LinePicture::Crossing {
-  Places x{}, brightness{};
-  int first = 0, last = 0;  ///< places about the middle along which x rises or falls strictly
-};
+}  // namespace
 
 LinePicture::LinePicture(const OpticsConfig& config)
     : config_(config),
@@ -145,6 +153,7 @@ float* LinePicture::light(int row, int from, int to) {
 bool LinePicture::cross(const Strand& strand, int ray, int row, Crossing& crossing) const {
   const double y = row;
   std::array<bool, kAcross> have{};
+  std::array<int, kAcross> pairs{};
   Places& x = crossing.x;
   for (std::size_t k = 0; k < kAcross; ++k) {
     const std::vector<Beam>& b = strand.beams[k];
@@ -170,6 +179,7 @@ bool LinePicture::cross(const Strand& strand, int ray, int row, Crossing& crossi
     x[k] = lagrange(ys.data(), xs.data(), to - from + 1, y);
     crossing.brightness[k] = lagrange(ys.data(), bs.data(), to - from + 1, y);
     have[k] = true;
+    pairs[k] = at;
   }
   int first = static_cast<int>(kMiddle), last = first;
   const auto usable = [&](int k, int next) {
@@ -182,15 +192,46 @@ bool LinePicture::cross(const Strand& strand, int ray, int row, Crossing& crossi
   while (last + 1 < kAcross && usable(last, last + 1)) ++last;
   crossing.first = first;
   crossing.last = last;
-  return first != last;
+  if (first == last) return false;
+  if (config_.subsurface.share > 0 || config_.fields.contrast != 1) note_surface(strand, ray, pairs, row, crossing);
+  return true;
 }
 
-void LinePicture::draw(const Strand& strand, const LaserSheet& sheet, double weight, const Exposure& exposure) {
+void LinePicture::note_surface(const Strand& strand, int ray, const std::array<int, kAcross>& pairs, int row,
+                               Crossing& crossing) const {
+  const auto between = [&](std::size_t k, float Beam::*value) {
+    const Beam& a = strand.beams[k][static_cast<std::size_t>(pairs[k])];
+    const Beam& b = strand.beams[k][static_cast<std::size_t>(pairs[k] + 1)];
+    double step = static_cast<double>(b.*value - a.*value);
+    if (std::abs(step) > 0.5 * ReflectanceFields::kAround) step -= std::copysign(ReflectanceFields::kAround, step);
+    const double per_row = step / (b.y_px - a.y_px);
+    return std::pair(static_cast<double>(a.*value) + (row - a.y_px) * per_row, per_row);
+  };
+  const Beam& beam = strand.beams[kMiddle][static_cast<std::size_t>(ray)];
+  crossing.halo_px = between(kMiddle, &Beam::halo_px).first;
+  crossing.px_per_mm = config_.camera.fx_px / (config_.X_CW * beam.p.cast<double>()).z();
+  const auto first = static_cast<std::size_t>(crossing.first), last = static_cast<std::size_t>(crossing.last);
+  const double width = crossing.x[last] - crossing.x[first];
+  const auto along = [&](float Beam::*value, double& middle, double& per_px, double& blur) {
+    const auto [at, per_row] = between(kMiddle, value);
+    double step = between(last, value).first - between(first, value).first;
+    if (std::abs(step) > 0.5 * ReflectanceFields::kAround) step -= std::copysign(ReflectanceFields::kAround, step);
+    middle = at;
+    per_px = step / width;
+    blur = config_.blur_px * std::hypot(per_px, per_row);
+  };
+  FieldsOnRow& fields = crossing.fields;
+  along(&Beam::around, fields.around, fields.around_per_px, fields.around_blur);
+  along(&Beam::up, fields.up, fields.up_per_px, fields.up_blur);
+}
+
+void LinePicture::draw(const Strand& strand, int laser, double weight, const Exposure& exposure) {
+  const LaserSheet& sheet = laser == 0 ? config_.sheet : *config_.second_sheet;
   const int height = config_.camera.height_px;
   const double levels = config_.line_levels * 0.25 / std::max(sheet.sigma_mm, 1e-9) *
                         static_cast<double>(exposure.exposure_ns) / static_cast<double>(config_.reference_exposure_ns);
   const std::int64_t begin = exposure.first_row_end_ns - exposure.exposure_ns, end = exposure.first_row_end_ns;
-  const double power_of_all = exposure.motion.mean_power(begin, end);
+  const double power_of_all = exposure.motion.mean_power(begin, end, laser);
   const std::vector<Beam>& middle = strand.beams[kMiddle];
   for (int i = 0; i + 1 < static_cast<int>(middle.size()); ++i) {
     if (!middle[static_cast<std::size_t>(i)].joined) continue;
@@ -201,8 +242,8 @@ void LinePicture::draw(const Strand& strand, const LaserSheet& sheet, double wei
       Crossing crossing;
       if (!brackets(middle, i, y) || !cross(strand, i, y, crossing)) continue;
       const std::int64_t later = y * exposure.line_time_ns;
-      const double power = later == 0 ? power_of_all : exposure.motion.mean_power(begin + later, end + later);
-      draw_row(y, sheet, crossing.x, crossing.brightness, crossing.first, crossing.last, levels * power * weight);
+      const double power = later == 0 ? power_of_all : exposure.motion.mean_power(begin + later, end + later, laser);
+      draw_row(y, sheet, crossing, levels * power * weight);
     }
   }
 }
@@ -210,8 +251,10 @@ void LinePicture::draw(const Strand& strand, const LaserSheet& sheet, double wei
 // Each pixel of the row looks at its own place s(x) across the sheet: irradiance e^(-s^2 / 2 sigma^2), incidence and
 // reflectance of that place. Blur by Laplace's method: s linearised where most of the pixel's light comes from, sigma^2
 // grown by (ds/dx blur)^2; exact where s is linear over the blur.
-void LinePicture::draw_row(int row, const LaserSheet& sheet, const Places& x, const Places& brightness, int first,
-                           int last, double scale) {
+void LinePicture::draw_row(int row, const LaserSheet& sheet, const Crossing& crossing, double all) {
+  const Places &x = crossing.x, &brightness = crossing.brightness;
+  const int first = crossing.first, last = crossing.last;
+  const double scale = all * (1 - config_.subsurface.share);
   const int n = last - first + 1, middle = kAcross / 2;
   const double origin = x[middle];
   std::array<float, kAcross> node{}, c{};
@@ -258,18 +301,20 @@ void LinePicture::draw_row(int row, const LaserSheet& sheet, const Places& x, co
   const auto share = static_cast<float>(
       sigma * sigma / (sigma * sigma + slope_mm_per_px * slope_mm_per_px * config_.blur_px * config_.blur_px));
   const Profile profile{node, c, low, high, share, shift, b0, b1, variance, blur2};
-  switch (n) {
-    case 2:
-      add_light<2>(profile, out + from, to - from);
-      break;
-    case 3:
-      add_light<3>(profile, out + from, to - from);
-      break;
-    case 4:
-      add_light<4>(profile, out + from, to - from);
-      break;
-    default:
-      add_light<kAcross>(profile, out + from, to - from);
+  const bool plain = config_.fields.contrast == 1;
+  if (!plain) row_.assign(static_cast<std::size_t>(to - from), 0.F);
+  add_light(n, profile, plain ? out + from : row_.data(), to - from);
+  for (int i = from; !plain && i < to; ++i) {
+    out[i] += row_[static_cast<std::size_t>(i - from)] *
+              static_cast<float>(crossing.fields.reflectance(config_.fields.contrast, i - origin));
+  }
+  if (config_.subsurface.share > 0) {
+    const double length = config_.subsurface.depth_mm * crossing.px_per_mm, centre = origin + crossing.halo_px;
+    const int begin = std::clamp(static_cast<int>(centre - 8 * length), 0, width);
+    const int end = std::clamp(static_cast<int>(centre + 8 * length) + 1, 0, width);
+    const double energy = brightness[static_cast<std::size_t>(middle)] * all * config_.subsurface.share * sigma *
+                          std::sqrt(2 * std::numbers::pi) / std::abs(slope_mm_per_px);
+    if (begin < end) add_halo(light(row, begin, end), begin, end, centre, length, energy);
   }
   if (config_.reflection > 0)
     draw_reflection(

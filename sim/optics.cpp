@@ -7,6 +7,12 @@ namespace celadon::sim {
 
 using Eigen::Vector3d;
 
+namespace {
+
+constexpr double kBeside = std::numbers::pi / 6;  // of the camera, seen from above
+
+}  // namespace
+
 OpticsConfig default_optics(int width_px, int height_px, double sheet_offset_mm, double sheet_tilt_rad) {
   OpticsConfig config;
   const double s = height_px / 1024.0;
@@ -14,7 +20,7 @@ OpticsConfig default_optics(int width_px, int height_px, double sheet_offset_mm,
       width_px, height_px, 2100 * s, 2102 * s, (width_px - 1) / 2.0 + 6.3 * s, (height_px - 1) / 2.0 - 4.1 * s, -0.12,
       0.05,     4e-4,      -3e-4,    0.01};
   config.blur_px = 0.6;
-  constexpr double kDistance = 300, kBeside = std::numbers::pi / 6, kAbove = 12 * std::numbers::pi / 180;
+  constexpr double kDistance = 300, kAbove = 12 * std::numbers::pi / 180;
   const Vector3d target(0, 0, 58);
   const Vector3d centre = target + kDistance * Vector3d(std::cos(kAbove) * std::cos(kBeside),
                                                         std::cos(kAbove) * std::sin(kBeside), std::sin(kAbove));
@@ -32,6 +38,16 @@ OpticsConfig default_optics(int width_px, int height_px, double sheet_offset_mm,
   sheet.emitter_W = Vector3d(310, 0, 60);
   sheet.emitter_W.y() = (sheet_offset_mm - sheet.normal_W.z() * sheet.emitter_W.z()) / sheet.normal_W.y();
   return config;
+}
+
+LaserSheet mirrored_sheet(const LaserSheet& sheet) {
+  const Vector3d across(-std::sin(kBeside), std::cos(kBeside), 0);
+  const auto mirrored = [&](const Vector3d& v) -> Vector3d { return v - 2 * across.dot(v) * across; };
+  LaserSheet out = sheet;
+  out.normal_W = mirrored(sheet.normal_W);
+  out.emitter_W = mirrored(sheet.emitter_W);
+  out.azimuth_rad = 2 * kBeside - sheet.azimuth_rad;
+  return out;
 }
 
 }  // namespace celadon::sim

@@ -3,8 +3,10 @@
 
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <optional>
 
 #include "acquisition/frame.h"
+#include "sim/effects.h"
 #include "sim/noise.h"
 #include "sim/projection.h"
 
@@ -17,6 +19,10 @@ struct LaserSheet {
   double distance_mm = 0;
   Eigen::Vector3d emitter_W = Eigen::Vector3d(310, 0, 110);
   double sigma_mm = 0.25;  ///< standard deviation of the irradiance across the sheet
+  double azimuth_rad = 0;  ///< the side that the light comes from
+  /// The sheet is bowed: 50 mm above and below the emitter's height, 30 mm in front of the axis, by this along the
+  /// normal; with the square of the height.
+  double bow_mm = 0;
 };
 
 /// All of the optics. Brightness in grey levels at reference_exposure_ns and full laser power.
@@ -24,6 +30,7 @@ struct OpticsConfig {
   CameraIntrinsics camera;
   Eigen::Isometry3d X_CW = Eigen::Isometry3d::Identity();
   LaserSheet sheet;
+  std::optional<LaserSheet> second_sheet;  ///< of laser 1, on the other side of the camera
   std::int64_t reference_exposure_ns = 4'000'000;
   double line_levels = 150;                   ///< peak of a sheet of 0.25 mm at normal incidence at the axis
   double blur_px = 0.6;                       ///< standard deviation of lens blur and pixel footprint together
@@ -34,6 +41,9 @@ struct OpticsConfig {
   double reflection = 0.1;  ///< stray secondary line, share of the line's brightness
   double glaze = 0;         ///< strength of a glossy lobe on the object, relative to its diffuse brightness
   double glaze_exponent = 60;
+  SpindleErrors spindle;
+  Subsurface subsurface;
+  ReflectanceFields fields;
   SensorNoise noise;
   PixelFormat format = PixelFormat::grey8;
 };
@@ -42,5 +52,7 @@ struct OpticsConfig {
 /// its rows 0.11 to 0.14 mm apart at the object; sheet through the axis but for offset and tilt.
 /// @pre width_px, height_px > 0
 OpticsConfig default_optics(int width_px, int height_px, double sheet_offset_mm, double sheet_tilt_rad);
+/// The sheet of a second laser: the mirror image of the default machine's in the vertical plane of axis and camera.
+LaserSheet mirrored_sheet(const LaserSheet& sheet);
 
 }  // namespace celadon::sim

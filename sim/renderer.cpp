@@ -18,12 +18,9 @@ constexpr double kNoSmear_px = 0.1;      // takes 0.2 % off the peak of a line o
 }  // namespace
 
 Renderer::Renderer(Scene scene, const OpticsConfig& config)
-    : scene_(std::move(scene)),
-      config_(config),
-      camera_(config.camera, config.X_CW),
-      fan_(config, config.sheet, scene_),
-      line_(config),
-      room_(config) {
+    : scene_(std::move(scene)), config_(config), camera_(config.camera, config.X_CW), picture_(config), room_(config) {
+  lines_.push_back({LaserFan(config, config.sheet, scene_), {}, false});
+  if (config.second_sheet) lines_.push_back({LaserFan(config, *config.second_sheet, scene_), {}, false});
   const auto width = static_cast<std::size_t>(config_.camera.width_px);
   mean_.assign(width + 16, 0.F);
   speckle_.assign(width + 16, 0.F);
@@ -37,46 +34,50 @@ void Renderer::place(const ObjectPose& pose, double camera_turn_rad) {
   camera_turn_rad_ = camera_turn_rad;
   const Eigen::Isometry3d turn(Eigen::AngleAxisd(camera_turn_rad, Vector3d::UnitY()));
   camera_ = VirtualCamera(config_.camera, turn * config_.X_CW);
-  strand_is_current_ = false;
+  for (Line& line : lines_) line.is_current = false;
   room_.forget();
 }
 
-void Renderer::draw_line(const Exposure& exposure) {
-  line_.clear();
-  const int last_row = config_.camera.height_px - 1;
-  const std::int64_t last_end = exposure.first_row_end_ns + exposure.line_time_ns * last_row;
-  if (exposure.motion.mean_power(exposure.first_row_end_ns - exposure.exposure_ns, last_end) < kBlackDark) return;
-  const LaserSheet& sheet = config_.sheet;
-  if (scene_.turns_invisibly()) {
-    if (!strand_is_current_) fan_.trace(scene_, camera_, exposure, 0, strand_);
-    strand_is_current_ = true;
-    line_.draw(strand_, sheet, 1, exposure);
+void Renderer::draw_lasers(const Exposure& exposure) {
+  picture_.clear();
+  const std::int64_t begin = exposure.first_row_end_ns - exposure.exposure_ns;
+  const std::int64_t last_end = exposure.first_row_end_ns + exposure.line_time_ns * (config_.camera.height_px - 1);
+  for (std::size_t i = 0; i < lines_.size(); ++i) {
+    const int laser = static_cast<int>(i);
+    if (exposure.motion.mean_power(begin, last_end, laser) >= kBlackDark) draw_line(lines_[i], laser, exposure);
+  }
+}
+
+void Renderer::draw_line(Line& line, int laser, const Exposure& exposure) {
+  const LaserFan& fan = line.fan;
+  if (fan.turns_invisibly(scene_)) {
+    if (!line.is_current) fan.trace(scene_, camera_, exposure, 0, line.strand);
+    line.is_current = true;
+    picture_.draw(line.strand, laser, 1, exposure);
     return;
   }
-  fan_.trace(scene_, camera_, exposure, 0, strand_);
-  const double turned_by = std::abs(exposure.angle_at(0, -1) - exposure.angle_at(0, 1)) +
-                           std::abs(exposure.angle_at(last_row, -1) - exposure.angle_at(last_row, 1));
-  if (turned_by < 1e-7) {
-    line_.draw(strand_, sheet, 1, exposure);
-    return;
-  }
+  fan.trace(scene_, camera_, exposure, 0, line.strand);
   // Three-point Gauss rule over the exposure while the table turns; a line that hardly moves looks as in its middle.
   constexpr double kGaussNode = 0.7745966692414834;
-  if (turned_by < kSmallTurn_rad && fan_.shift_px(scene_, camera_, exposure, kGaussNode, strand_) < kNoSmear_px) {
-    line_.draw(strand_, sheet, 1, exposure);
+  const int last_row = config_.camera.height_px - 1;
+  const double turned_by = std::abs(exposure.angle_at(0, -1) - exposure.angle_at(0, 1)) +
+                           std::abs(exposure.angle_at(last_row, -1) - exposure.angle_at(last_row, 1));
+  if (turned_by < 1e-7 ||
+      (turned_by < kSmallTurn_rad && fan.shift_px(scene_, camera_, exposure, kGaussNode, line.strand) < kNoSmear_px)) {
+    picture_.draw(line.strand, laser, 1, exposure);
     return;
   }
   for (const double node : {-kGaussNode, 0.0, kGaussNode}) {
     if (node == 0) {
-      line_.draw(strand_, sheet, 8.0 / 18, exposure);
+      picture_.draw(line.strand, laser, 8.0 / 18, exposure);
       continue;
     }
     if (turned_by < kSmallTurn_rad) {
-      fan_.trace_near(scene_, camera_, exposure, node, strand_, moved_);
+      fan.trace_near(scene_, camera_, exposure, node, line.strand, moved_);
     } else {
-      fan_.trace(scene_, camera_, exposure, node, moved_);
+      fan.trace(scene_, camera_, exposure, node, moved_);
     }
-    line_.draw(moved_, sheet, 5.0 / 18, exposure);
+    picture_.draw(moved_, laser, 5.0 / 18, exposure);
   }
 }
 
@@ -101,14 +102,14 @@ void Renderer::speckle_row(const RandomKey& key, int row, int from, int to) {
 }
 
 void Renderer::render_line(const Exposure& exposure, std::vector<float>& levels) {
-  draw_line(exposure);
-  levels = line_.levels();
+  draw_lasers(exposure);
+  levels = picture_.levels();
 }
 
 void Renderer::render(const Exposure& exposure, std::span<std::uint8_t> out, std::size_t stride_bytes) {
   const int width = config_.camera.width_px, height = config_.camera.height_px;
   const auto columns = static_cast<std::size_t>(width);
-  draw_line(exposure);
+  draw_lasers(exposure);
   const double angle = exposure.angle_at(0.5 * height, 0);
   room_.update(scene_, camera_, angle);
   const RandomKey speckle_key =
@@ -116,10 +117,10 @@ void Renderer::render(const Exposure& exposure, std::span<std::uint8_t> out, std
   const RandomKey pixel_key = make_key(exposure.seed, kPixelPurpose, exposure.frame);
   const auto room = static_cast<float>(exposure.ambient_factor * static_cast<double>(exposure.exposure_ns) /
                                        static_cast<double>(config_.reference_exposure_ns));
-  const std::vector<float>& signal = line_.levels();
+  const std::vector<float>& signal = picture_.levels();
   for (int y = 0; y < height; ++y) {
     const std::size_t at = static_cast<std::size_t>(y) * columns;
-    const LinePicture::Span span = line_.lit(y);
+    const LinePicture::Span span = picture_.lit(y);
     const auto lit_from = static_cast<std::size_t>(span.from), lit_to = static_cast<std::size_t>(span.to);
     if (span.from < span.to && config_.speckle_contrast > 0) speckle_row(speckle_key, y, span.from, span.to);
     const auto laser = [&](std::size_t x) {

@@ -35,17 +35,23 @@ class Renderer {
   const VirtualCamera& camera() const { return camera_; }
 
  private:
-  void draw_line(const Exposure& exposure);
+  void draw_lasers(const Exposure& exposure);
+  struct Line;
+  void draw_line(Line& line, int laser, const Exposure& exposure);
   void speckle_row(const RandomKey& key, int row, int from, int to);
 
   Scene scene_;
   double camera_turn_rad_ = 0;
   OpticsConfig config_;
   VirtualCamera camera_;
-  LaserFan fan_;
-  Strand strand_, moved_;
-  bool strand_is_current_ = false;  ///< of a scene that looks the same at every angle
-  LinePicture line_;
+  struct Line {
+    LaserFan fan;
+    Strand strand;
+    bool is_current = false;  ///< of a scene that looks the same at every angle
+  };
+  std::vector<Line> lines_;  ///< a laser each
+  Strand moved_;
+  LinePicture picture_;
   RoomLight room_;
   std::vector<float> mean_, speckle_, white_;
   std::array<std::vector<std::uint8_t>, 3> colour_;
