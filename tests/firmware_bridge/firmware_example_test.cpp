@@ -96,7 +96,7 @@ TEST(FirmwareExample, TheStepsOfAMoveAreATrapezoid) {
   };
   const std::uint64_t begun = bench.now_us;
   // 90 degrees at 45 degrees/s and 90 degrees/s^2: half a second of ramps, 1.5 s between.
-  plant.move(0, 90'000'000, 45'000'000, 90'000'000, bench.now_us);
+  plant.move(0, 90'000'000, 45'000'000, 90'000'000, 0, bench.now_us);
   for (const auto& [at_s, degrees] : std::vector<std::pair<double, double>>{
            {0.25, 2.8125}, {0.5, 11.25}, {1.0, 33.75}, {2.0, 78.75}, {2.25, 87.1875}}) {
     run_to(begun + static_cast<std::uint64_t>(at_s * 1e6));
@@ -106,7 +106,7 @@ TEST(FirmwareExample, TheStepsOfAMoveAreATrapezoid) {
   EXPECT_EQ(simulated_board().steps, 8'000);
   EXPECT_EQ(plant.axis(0, bench.now_us).phase, AxisPhase::standing);
   // A stop from full speed: v^2 / 2a, 11.25 degrees.
-  plant.move(0, -360'000'000, 45'000'000, 90'000'000, bench.now_us);
+  plant.move(0, -360'000'000, 45'000'000, 90'000'000, 0, bench.now_us);
   run_to(bench.now_us + 1'000'000);
   const std::int64_t before = simulated_board().steps;
   plant.stop(0, bench.now_us);
