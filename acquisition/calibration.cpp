@@ -237,15 +237,10 @@ tl::expected<Calibration, CalibrationError> parse_calibration(const std::string&
   if (text.size() > kLargestCalibration) {
     return error(name + " is longer than 1 MiB and cannot be a calibration file; give the right file");
   }
-  const toml::parse_result parsed = toml::parse(text);
-  if (!parsed) {
-    const toml::parse_error& cause = parsed.error();
-    return error(name + ", line " + std::to_string(cause.source().begin.line) + ", column " +
-                 std::to_string(cause.source().begin.column) + ": is not TOML: " + std::string(cause.description()) +
-                 "; correct the line or copy the file again");
-  }
+  const auto parsed = parse_ascii(text);
+  if (!parsed) return error(name + ", " + parsed.error());
   try {
-    return calibration_of(parsed.table(), name);
+    return calibration_of(*parsed, name);
   } catch (const Refusal& refusal) {
     return error(refusal.message);
   }

@@ -4,6 +4,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 namespace celadon::checked_toml {
 
@@ -16,21 +17,73 @@ std::string number_text(double value) {
   return text;
 }
 
+namespace {
+
+/// The character that begins at a byte of UTF-8, and its length; a broken one is U+FFFD of one byte.
+std::pair<std::uint32_t, std::size_t> character_at(std::string_view text, std::size_t at) {
+  const auto byte = [&](std::size_t i) { return std::uint32_t{static_cast<unsigned char>(text[i])}; };
+  const std::uint32_t first = byte(at);
+  if (first < 0x80) return {first, 1};
+  const std::size_t length = first >> 5 == 0x6 ? 2 : first >> 4 == 0xE ? 3 : first >> 3 == 0x1E ? 4 : 0;
+  constexpr std::pair<std::uint32_t, std::size_t> kBroken{0xFFFD, 1};
+  if (length == 0 || text.size() - at < length) return kBroken;
+  std::uint32_t code = first & (0x7Fu >> length);
+  for (std::size_t i = 1; i < length; ++i) {
+    if (byte(at + i) >> 6 != 0x2) return kBroken;
+    code = code << 6 | (byte(at + i) & 0x3F);
+  }
+  constexpr std::array<std::uint32_t, 5> kSmallest = {0, 0, 0x80, 0x800, 0x10000};
+  if (code < kSmallest[length] || code > 0x10FFFF || (code >= 0xD800 && code <= 0xDFFF)) return kBroken;
+  return {code, length};
+}
+
+}  // namespace
+
 std::string quoted(const std::string& text) {
   std::string out(1, '"');
-  for (const char c : text) {
-    if (c == '"' || c == '\\') {
+  for (std::size_t at = 0; at < text.size();) {
+    const auto [code, length] = character_at(text, at);
+    if (code == '"' || code == '\\') {
       out += '\\';
-      out += c;
-    } else if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) {
-      std::array<char, 8> escape;
-      std::snprintf(escape.data(), escape.size(), "\\u%04X", static_cast<unsigned>(c));
+      out += text[at];
+    } else if (code < 0x20 || code >= 0x7F) {
+      std::array<char, 16> escape;
+      std::snprintf(escape.data(), escape.size(), code > 0xFFFF ? "\\U%08X" : "\\u%04X", unsigned{code});
       out += escape.data();
     } else {
-      out += c;
+      out += text[at];
     }
+    at += length;
   }
   return out + '"';
+}
+
+tl::expected<toml::table, std::string> parse_ascii(std::string_view text) {
+  const auto at = [](auto line, auto column) {
+    return "line " + std::to_string(line) + ", column " + std::to_string(column) + ": ";
+  };
+  std::size_t line = 1, begin = 0;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    if (byte >= 0x80) {
+      std::array<char, 8> hex;
+      std::snprintf(hex.data(), hex.size(), "0x%02X", unsigned{byte});
+      return tl::unexpected(at(line, i - begin + 1) + "holds the byte " + hex.data() +
+                            ", which is not ASCII; write the character as \\u and four hexadecimal digits in a quoted "
+                            "text, or leave it out");
+    }
+    if (byte == '\n') {
+      ++line;
+      begin = i + 1;
+    }
+  }
+  toml::parse_result parsed = toml::parse(text);
+  if (!parsed) {
+    const toml::parse_error& cause = parsed.error();
+    return tl::unexpected(at(cause.source().begin.line, cause.source().begin.column) + "is not TOML: " +
+                          std::string(cause.description()) + "; correct the line or copy the file again");
+  }
+  return std::move(parsed).table();
 }
 
 /// The part of a text that an error message can quote.
@@ -56,7 +109,7 @@ const toml::node& Section::node(const std::string& key) {
   used_.insert(key);
   const toml::node* found = table_->get(key);
   if (found == nullptr) {
-    refuse(*table_, key, "is missing; add it as CALIBRATION.md describes, or calibrate again");
+    refuse(*table_, key, std::string("is missing; ") + remedy_);
   }
   return *found;
 }
@@ -64,7 +117,7 @@ const toml::node& Section::node(const std::string& key) {
 Section Section::section(const std::string& key) {
   const toml::node& found = node(key);
   if (!found.is_table()) refuse(found, key, "is " + value_text(found) + " and must be a table");
-  return {*found.as_table(), file_, full(key), newer_};
+  return {*found.as_table(), file_, full(key), newer_, remedy_};
 }
 
 std::string Section::text(const std::string& key) {
@@ -81,14 +134,18 @@ bool Section::boolean(const std::string& key) {
 }
 
 int Section::integer(const std::string& key, int smallest, int largest) {
+  return static_cast<int>(whole(key, smallest, largest));
+}
+
+std::int64_t Section::whole(const std::string& key, std::int64_t smallest, std::int64_t largest) {
   const toml::node& found = node(key);
-  const auto* whole = found.as_integer();
-  if (whole == nullptr || whole->get() < smallest || whole->get() > largest) {
+  const auto* value = found.as_integer();
+  if (value == nullptr || value->get() < smallest || value->get() > largest) {
     refuse(found, key,
            "is " + value_text(found) + " and must be a whole number from " + std::to_string(smallest) + " to " +
                std::to_string(largest));
   }
-  return static_cast<int>(whole->get());
+  return value->get();
 }
 
 double Section::number(const std::string& key) {
@@ -149,7 +206,7 @@ double Section::number_of(const toml::node& found, const std::string& field) con
   } else {
     refuse(found, field, "is " + value_text(found) + " and must be a number");
   }
-  if (!std::isfinite(value)) refuse(found, field, "is " + number_text(value) + " and must be finite; calibrate again");
+  if (!std::isfinite(value)) refuse(found, field, "is " + number_text(value) + " and must be finite; correct it");
   return value;
 }
 

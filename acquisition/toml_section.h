@@ -2,19 +2,27 @@
 // Checked access to the values of a TOML text: every refusal names file, line, field, value and remedy.
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <set>
 #include <string>
 #include <string_view>
+
+#include <tl/expected.hpp>
 
 #include "acquisition/calibration.h"
 #include "acquisition/toml.h"
 
 namespace celadon::checked_toml {
 
-/// Leaves the parser; caught in parse_calibration, never seen outside.
+/// Leaves the parser; caught by the readers of files, never seen outside.
 struct Refusal {
   std::string message;
 };
+
+/// Parses a text of ASCII. toml++ 3 is not defined for hostile bytes beyond it; characters beyond it are written
+/// \u00E9.
+/// @returns the error as "line 3, column 7: ..." with a remedy
+tl::expected<toml::table, std::string> parse_ascii(std::string_view text);
 
 /// Shortest decimals that read back as the same double, always with a mark of a TOML float.
 std::string number_text(double value);
@@ -28,17 +36,21 @@ std::string value_text(const toml::node& node);
 /// One table of the file: hands out checked values, knows where it is for messages, and which keys were asked for.
 class Section {
  public:
-  Section(const toml::table& table, std::string file, std::string path, bool newer = false)
-      : table_(&table), file_(std::move(file)), path_(std::move(path)), newer_(newer) {}
+  /// @param remedy  for a key that is missing
+  Section(const toml::table& table, std::string file, std::string path, bool newer = false,
+          const char* remedy = "add it as CALIBRATION.md describes, or calibrate again")
+      : table_(&table), file_(std::move(file)), path_(std::move(path)), newer_(newer), remedy_(remedy) {}
 
   /// @throws Refusal; so do all that follow
   [[noreturn]] void refuse(const toml::node& where, const std::string& field, const std::string& why) const;
 
+  bool has(const std::string& key) const { return table_->contains(key); }
   const toml::node& node(const std::string& key);
   Section section(const std::string& key);
   std::string text(const std::string& key);
   bool boolean(const std::string& key);
   int integer(const std::string& key, int smallest, int largest);
+  std::int64_t whole(const std::string& key, std::int64_t smallest, std::int64_t largest);
   double number(const std::string& key);
   /// A number that is not negative.
   double uncertainty(const std::string& key);
@@ -62,6 +74,7 @@ class Section {
   std::string file_, path_;
   std::set<std::string> used_;
   bool newer_ = false;
+  const char* remedy_;
 };
 
 }  // namespace celadon::checked_toml

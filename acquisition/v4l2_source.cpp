@@ -5,8 +5,6 @@
 #include <sys/mman.h>
 
 #include <algorithm>
-#include <filesystem>
-#include <fstream>
 #include <optional>
 #include <vector>
 
@@ -18,6 +16,7 @@
 #include "acquisition/v4l2_address.h"
 #include "acquisition/v4l2_exposure.h"
 #include "acquisition/v4l2_ioctl.h"
+#include "acquisition/v4l2_text.h"
 
 namespace celadon {
 namespace {
@@ -28,23 +27,6 @@ using Kind = CameraError::Kind;
 constexpr std::uint32_t kBuffers = 8;
 constexpr std::uint32_t kFewestBuffers = 2;
 constexpr const char* kConnectAgain = "connect the camera and open it again";
-
-std::string printable(const std::uint8_t* text, std::size_t size) {
-  std::string out;
-  for (std::size_t i = 0; i < size && text[i] != 0; ++i) out += text[i] >= 0x20 && text[i] < 0x7f ? char(text[i]) : '?';
-  return out;
-}
-
-/// Serial number of the USB device behind a video node, or "".
-std::string serial_of(const std::string& path) {
-  std::error_code error;
-  const std::filesystem::path node = std::filesystem::canonical(path, error).filename();
-  const std::filesystem::path device = std::filesystem::canonical("/sys/class/video4linux" / node / "device", error);
-  if (error) return "";
-  std::string serial;
-  std::ifstream(device.parent_path() / "serial") >> serial;
-  return printable(reinterpret_cast<const std::uint8_t*>(serial.data()), std::min<std::size_t>(serial.size(), 64));
-}
 
 class V4l2Source final : public FrameSource, public FrameReturn {
  public:
@@ -149,7 +131,7 @@ tl::expected<void, CameraError> V4l2Source::configure(const V4l2Address& address
   mode_.shutter = Shutter::rolling;
   mode_.exposure_ns = exposure_.in_force_ns();
   mode_.identity = printable(std::begin(capability.card), std::size(capability.card));
-  if (const std::string serial = serial_of(address.path); !serial.empty()) mode_.identity += " " + serial;
+  if (const std::string serial = usb_serial_of(address.path); !serial.empty()) mode_.identity += " " + serial;
   if (mode_.identity.empty()) mode_.identity = "unnamed V4L2 camera";
   return {};
 }
@@ -176,7 +158,7 @@ tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const V4l2Add
                      (address.fourcc ? "it does not deliver " + fourcc_text(wanted)
                                      : std::string("it delivers neither GREY nor YUYV")) +
                          ", it delivers " + (offered.empty() ? "nothing" : offered),
-                     "use a format that it delivers or another camera");
+                     "use a format that it delivers (`celadon cameras` lists them) or another camera");
 }
 
 tl::expected<void, CameraError> V4l2Source::set_format(const V4l2Address& address, std::uint32_t fourcc) {
@@ -195,16 +177,16 @@ tl::expected<void, CameraError> V4l2Source::set_format(const V4l2Address& addres
   pixels.sizeimage = 0;
   const std::string wanted = size_text(pixels.width, pixels.height) + " " + fourcc_text(fourcc);
   if (const int code = v4l2_ioctl(file_.get(), VIDIOC_S_FMT, &format); code != 0) {
-    return fault("setting the format " + wanted, code,
-                 code == EBUSY ? "another program uses the camera: close it"
-                               : "use a size that `v4l2-ctl --list-formats-ext` lists");
+    return fault(
+        "setting the format " + wanted, code,
+        code == EBUSY ? "another program uses the camera: close it" : "use a size that `celadon cameras` lists");
   }
   if (pixels.pixelformat != fourcc || (address.width && pixels.width != *address.width) ||
       (address.height && pixels.height != *address.height)) {
     return unsupported("setting the format " + wanted,
                        "the camera offers " + size_text(pixels.width, pixels.height) + " " +
                            fourcc_text(pixels.pixelformat) + " instead",
-                       "use a size that `v4l2-ctl --list-formats-ext` lists");
+                       "use a size that `celadon cameras` lists");
   }
   if (pixels.field != V4L2_FIELD_NONE) {
     return unsupported("setting the format " + wanted, "the camera delivers interlaced fields",
@@ -392,7 +374,7 @@ tl::expected<std::unique_ptr<FrameSource>, CameraError> open_v4l2_source(const s
     };
     switch (code) {
       case ENOENT:
-        return fault(Kind::not_found, "connect the camera; `v4l2-ctl --list-devices` lists those that are there");
+        return fault(Kind::not_found, "connect the camera; `celadon cameras` lists those that are there");
       case ENODEV:
       case ENXIO:
         return fault(Kind::unplugged, kConnectAgain);

@@ -11,7 +11,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "acquisition/toml.h"
+#include "acquisition/toml_section.h"
 
 namespace celadon {
 namespace {
@@ -126,6 +126,51 @@ void read_volume(const toml::table& section, Config& config) {
   }
 }
 
+double number(const std::string& key, const toml::node& node) {
+  const auto value = node.value<double>();
+  if (value && std::isfinite(*value)) return *value;
+  throw Problem{line_of(node) + key + " is not a number."};
+}
+
+void read_drive(const toml::table& section, Config& config) {
+  DriveConfig& drive = config.drive.emplace();
+  for (const auto& [name, node] : section) {
+    const std::string key = "drive." + std::string(name.str());
+    if (key == "drive.profile") {
+      drive.profile = text(key, node);
+    } else if (key == "drive.io_profile") {
+      drive.io_profile = text(key, node);
+    } else if (key == "drive.io") {
+      drive.io = text(key, node);
+    } else if (key == "drive.serial") {
+      drive.serial = text(key, node);
+    } else if (key == "drive.steps_per_turn") {
+      drive.steps_per_turn = number(key, node);
+    } else if (key == "drive.motor_turns_per_turn") {
+      drive.motor_turns_per_turn = number(key, node);
+    } else if (key == "drive.max_speed_deg_per_s") {
+      drive.max_speed_deg_per_s = number(key, node);
+    } else if (key == "drive.max_acceleration_deg_per_s2") {
+      drive.max_acceleration_deg_per_s2 = number(key, node);
+    } else if (key == "drive.homing") {
+      const std::string homing = text(key, node);
+      if (homing != "index" && homing != "mark")
+        throw Problem{line_of(node) + key + " is '" + homing + "'; write \"index\" or \"mark\"."};
+      drive.homes_at_mark = homing == "mark";
+    } else {
+      throw Problem{line_of(node) + key +
+                    " is not known; [drive] has profile, io_profile, io, serial, steps_per_turn, motor_turns_per_turn, "
+                    "max_speed_deg_per_s, max_acceleration_deg_per_s2 and homing."};
+    }
+  }
+  for (const auto& [key, value] : {std::pair{"profile", drive.profile},
+                                   {"io_profile", drive.io_profile},
+                                   {"io", drive.io},
+                                   {"serial", drive.serial}}) {
+    if (value.empty()) throw Problem{std::string("[drive] lacks ") + key + "; see firmware_bridge/DRIVE_PROFILES.md."};
+  }
+}
+
 void read_scan(const toml::table& section, Config& config) {
   auto json = nlohmann::json::object();
   for (const auto& [name, node] : section)
@@ -150,6 +195,8 @@ void read_root(const toml::table& root, Config& config) {
       config.record = text(key, node);
     } else if (key == "log_level") {
       config.log_level = text(key, node);
+    } else if (key == "drive") {
+      read_drive(table(key, node), config);
     } else if (key == "http") {
       read_http(table(key, node), config);
     } else if (key == "scan") {
@@ -159,10 +206,10 @@ void read_root(const toml::table& root, Config& config) {
     } else if (key == "volume") {
       read_volume(table(key, node), config);
     } else {
-      throw Problem{line_of(node) + "'" + key +
-                    "' is not known; the keys are device, camera, calibration, store, record, log_level and the "
-                    "sections [button], "
-                    "[http], [scan], [volume]."};
+      throw Problem{
+          line_of(node) + "'" + key +
+          "' is not known; the keys are device, camera, calibration, store, record, log_level and the sections "
+          "[button], [drive], [http], [scan], [volume]."};
     }
   }
 }
@@ -174,18 +221,20 @@ bool starts_with_one_of(const std::string& url, std::initializer_list<const char
 }  // namespace
 
 tl::expected<void, ConfigError> read_config(const std::filesystem::path& file, Config& config) {
-  if (std::ifstream(file).fail()) {
+  std::ifstream in(file, std::ios::binary);
+  if (!in) {
     return tl::make_unexpected(ConfigError{"The configuration " + file.string() + " cannot be opened: " +
                                            std::strerror(errno) + "; check the name given with --config."});
   }
-  const toml::parse_result parsed = toml::parse_file(file.string());
+  std::ostringstream text;
+  text << in.rdbuf();
+  const auto parsed = checked_toml::parse_ascii(text.str());
   if (!parsed) {
-    return tl::make_unexpected(ConfigError{"The configuration " + file.string() + " cannot be read, line " +
-                                           std::to_string(parsed.error().source().begin.line) + ": " +
-                                           std::string(parsed.error().description()) + "."});
+    return tl::make_unexpected(
+        ConfigError{"The configuration " + file.string() + " cannot be read, " + parsed.error() + "."});
   }
   try {
-    read_root(parsed.table(), config);
+    read_root(*parsed, config);
     return {};
   } catch (const Problem& p) {
     return tl::make_unexpected(ConfigError{"The configuration " + file.string() + ", " + p.text});
@@ -205,6 +254,13 @@ tl::expected<void, ConfigError> check_config(const Config& config) {
   if (!replay && !starts_with_one_of(config.device, {"modbus-tcp://", "modbus-rtu:", "usb:"})) {
     return refused("The device is '" + config.device +
                    "'; give --device modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID].");
+  }
+  if (config.drive && !(starts_with_one_of(config.device, {"modbus-tcp://", "modbus-rtu:"}) &&
+                        starts_with_one_of(config.drive->io, {"modbus-tcp://", "modbus-rtu:"}))) {
+    return refused(
+        "[drive] needs the drive as device and the I/O device as io, both by modbus-tcp:// or modbus-rtu:, "
+        "and they are '" +
+        config.device + "' and '" + config.drive->io + "'; correct them.");
   }
   if (!starts_with_one_of(config.camera, {"v4l2:", "sim:", "replay:"})) {
     return refused("The camera is '" + config.camera +

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include <tl/expected.hpp>
@@ -13,8 +14,20 @@
 
 namespace celadon {
 
+/// [drive]: the device is a drive of another maker (firmware_bridge/DRIVE_PROFILES.md).
+struct DriveConfig {
+  std::string profile, io_profile;  ///< a name or a file
+  std::string io;                   ///< URL of the I/O device
+  std::string serial;               ///< of the machine
+  double steps_per_turn = 0;        ///< of the motor; 0: the profile's
+  double motor_turns_per_turn = 1;
+  double max_speed_deg_per_s = 0, max_acceleration_deg_per_s2 = 0;
+  bool homes_at_mark = false;
+};
+
 struct Config {
   std::string device;                 ///< "modbus-tcp://..", "modbus-rtu:..", "usb:.."; empty with a recording
+  std::optional<DriveConfig> drive;   ///< none: the device is a controller of the protocol
   std::string camera;                 ///< "v4l2:..", "sim:FOLDER", "replay:FOLDER"
   std::filesystem::path calibration;  ///< file
   std::filesystem::path store;        ///< folder of scans

@@ -66,7 +66,10 @@ FrameFeed::FrameFeed(const ScanEquipment& equipment, ScanObserver& observer, con
       observer_(observer),
       triangulator_(triangulator),
       laser_(laser),
-      timeline_(equipment.device != nullptr ? equipment.device->capabilities().encoder_resolution_rad : 0) {}
+      timeline_(equipment.device != nullptr ? equipment.device->capabilities().encoder_resolution_rad : 0,
+                equipment.device != nullptr && equipment.device->capabilities().stamped_by_host
+                    ? StampedBy::host
+                    : StampedBy::controller) {}
 
 FrameFeed::~FrameFeed() {
   equipment_.camera.stop();
@@ -126,6 +129,8 @@ tl::expected<void, ScanStop> FrameFeed::poll() {
   const PositionSample sample{status_.position_counter, status_.position_time_us, status_.angle_rad,
                               status_.host_before_ns,   status_.host_after_ns,    status_.uptime_us};
   timeline_.add(sample);
+  if (equipment_.device->capabilities().stamped_by_host)
+    counts_.longest_exchange_ns = std::max(counts_.longest_exchange_ns, sample.host_after_ns - sample.host_before_ns);
   if (log_ != nullptr) log_->append(sample);
   return {};
 }

@@ -57,6 +57,7 @@ class FrameFeed {
   /// Frames so far, since record_in().
   struct Counts {
     std::uint64_t frames = 0, lost = 0, stale = 0, corrupt = 0;
+    std::int64_t longest_exchange_ns = 0;         ///< of polls, where they say when a position was taken
     std::uint64_t looks_lit = 0, looks_dark = 0;  ///< polls with the laser switched on, and of them without its light
   };
   const Counts& counts() const { return counts_; }

@@ -15,7 +15,6 @@
 namespace celadon {
 namespace {
 
-constexpr std::uint8_t kMagic[8] = {0x89, 'C', 'E', 'L', '\r', '\n', 0x1A, '\n'};
 constexpr std::uint16_t kMajor = 1, kMinor = 0;
 constexpr std::uint32_t kMarker = 0x52504C43;  // "CLPR"
 constexpr std::uint32_t kLongest = 256u << 20;
@@ -59,7 +58,7 @@ tl::expected<std::unique_ptr<RecordWriter>, LogError> RecordWriter::create(const
   }
   std::unique_ptr<RecordWriter> writer(new RecordWriter(file, fd));
   Preamble preamble{{}, kMajor, kMinor, 0};
-  std::memcpy(preamble.magic, kMagic, sizeof kMagic);
+  std::memcpy(preamble.magic, kLogMagic, sizeof kLogMagic);
   const auto* bytes = reinterpret_cast<const std::uint8_t*>(&preamble);
   writer->buffer_.assign(bytes, bytes + sizeof preamble);
   if (auto flushed = writer->flush(); !flushed) return tl::make_unexpected(flushed.error());
@@ -185,7 +184,7 @@ tl::expected<std::unique_ptr<RecordReader>, LogError> RecordReader::open(const s
   }
   Preamble preamble{};
   std::memcpy(&preamble, bytes, sizeof preamble);
-  if (std::memcmp(preamble.magic, kMagic, sizeof kMagic) != 0) {
+  if (std::memcmp(preamble.magic, kLogMagic, sizeof kLogMagic) != 0) {
     return refused(0, "it does not begin like one (offset 0); give a log that celadond wrote.");
   }
   if (preamble.major != kMajor) {

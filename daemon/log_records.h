@@ -15,6 +15,9 @@
 
 namespace celadon {
 
+/// The first bytes of every log.
+inline constexpr std::uint8_t kLogMagic[8] = {0x89, 'C', 'E', 'L', '\r', '\n', 0x1A, '\n'};
+
 /// What went wrong with a log: one sentence with file, offset or number of bytes, and the remedy.
 struct LogError {
   int errno_value = 0;

@@ -226,6 +226,14 @@ nlohmann::ordered_json report_json(const CompositeFit& fit, const ResultNotes& n
   for (const CompositeJoint& joint : fit.joints)
     json["joints"].push_back(
         {{"height_mm", joint.height_mm}, {"before", meeting(joint.before)}, {"after", meeting(joint.after)}});
+  if (!fit.shoulders.empty()) json["shoulders"] = Json::array();
+  for (const Shoulder& shoulder : fit.shoulders)
+    json["shoulders"].push_back({{"height_mm", shoulder.height_mm},
+                                 {"sd_mm", shoulder.sd_mm},
+                                 {"jump_mm", shoulder.jump_mm},
+                                 {"edge_mm", shoulder.edge_mm},
+                                 {"seen", shoulder.seen},
+                                 {"scatter_mm", shoulder.scatter_mm}});
   put_notes(json, ranges, fit.report, notes);
   return json;
 }

@@ -202,7 +202,7 @@ tl::expected<void, ResultError> write_report(const nlohmann::ordered_json& repor
 }
 
 tl::expected<std::vector<std::string>, ResultError> write_results(
-    const FittedSurface& fitted, const std::function<tl::expected<RangeFit, ResultError>()>& measured,
+    std::span<const FittedSurface> pieces, const std::function<tl::expected<BodyFit, ResultError>()>& measured,
     const std::vector<ResultFormat>& formats, const std::filesystem::path& folder, ResultNotes& notes,
     const ResultOptions& options) {
   std::error_code code;
@@ -225,7 +225,7 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
   for (const ResultFormat format : {ResultFormat::step, ResultFormat::stl, ResultFormat::ply}) {
     if (!asked(format)) continue;  // the CAD file first: it is what is waited for
     names.push_back(file_name(format, notes.name));
-    if (auto written = write_surface(std::span(&fitted, 1), format, staging / names.back(), notes, options); !written) {
+    if (auto written = write_surface(pieces, format, staging / names.back(), notes, options); !written) {
       return tl::make_unexpected(written.error());
     }
     if (format == ResultFormat::step) {
@@ -240,16 +240,17 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
   notes.seconds.push_back({"errors", seconds_since(start)});
   if (asked(ResultFormat::surface_json)) {
     names.push_back(file_name(ResultFormat::surface_json, notes.name));
-    const FittedSurface whole{fitted.function, fitted.surface, fit->deviation ? &*fit->deviation : nullptr};
-    if (auto written =
-            write_surface(std::span(&whole, 1), ResultFormat::surface_json, staging / names.back(), notes, options);
+    std::vector<FittedSurface> whole;
+    for (const RangeFit& piece : fit->pieces())
+      whole.push_back({piece.function, piece.surface, piece.deviation ? &*piece.deviation : nullptr});
+    if (auto written = write_surface(whole, ResultFormat::surface_json, staging / names.back(), notes, options);
         !written) {
       return tl::make_unexpected(written.error());
     }
   }
-  const auto report = report_json(*fit, notes);
+  const auto report = fit->report(notes);
   names.push_back(file_name(ResultFormat::errors_svg, notes.name));
-  if (auto written = write_errors(std::span(&*fit, 1), report, staging / names.back()); !written) {
+  if (auto written = write_errors(fit->pieces(), report, staging / names.back()); !written) {
     return tl::make_unexpected(written.error());
   }
   names.push_back(file_name(ResultFormat::report_json, notes.name));

@@ -11,6 +11,7 @@
 
 #include <tl/expected.hpp>
 
+#include "daemon/body_fit.h"
 #include "daemon/export/cad_client.h"
 #include "daemon/report.h"
 #include "fitting/range_fit.h"
@@ -56,10 +57,11 @@ tl::expected<void, ResultError> write_errors(std::span<const RangeFit> pieces, c
 tl::expected<void, ResultError> write_report(const nlohmann::ordered_json& report, const std::filesystem::path& file);
 
 /// Writes the files of `formats` (STEP first) and report.json into `folder`, which must not exist and appears whole or
-/// not at all. `measured` gives the whole fit; it is asked for when all files are there that do without. Stages "step",
-/// "files" and "errors" (waited for them) are added to notes.seconds. @returns the names in `folder`
+/// not at all. `measured` gives the whole fit of the same pieces; it is asked for when all files are there that do
+/// without. Stages "step", "files" and "errors" (waited for them) are added to notes.seconds. @returns the names in
+/// `folder`
 tl::expected<std::vector<std::string>, ResultError> write_results(
-    const FittedSurface& fitted, const std::function<tl::expected<RangeFit, ResultError>()>& measured,
+    std::span<const FittedSurface> pieces, const std::function<tl::expected<BodyFit, ResultError>()>& measured,
     const std::vector<ResultFormat>& formats, const std::filesystem::path& folder, ResultNotes& notes,
     const ResultOptions& options = {});
 

@@ -208,7 +208,19 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
     auto taken = intake.take(std::move(*frame), {*angle, middle_ns}, turned);
     if (!taken) return tl::make_unexpected(taken.error());
   }
-  return intake.result();
+  CaptureResult result = intake.result();
+  if (limits.stamped_by_host) {
+    const double longest_s = static_cast<double>(feed.counts().longest_exchange_ns) * 1e-9;
+    char text[240];
+    std::snprintf(
+        text, sizeof text,
+        "The drive does not stamp its positions: beside what the encoder leaves open, angles are uncertain by up "
+        "to %.4f deg (standard uncertainty; exchanges of up to %.1f ms at %.1f deg/s); scan in steps to be rid "
+        "of it.",
+        speed * longest_s / std::sqrt(12.) * 180 / std::numbers::pi, longest_s * 1e3, speed * 180 / std::numbers::pi);
+    result.warnings.emplace_back(text);
+  }
+  return result;
 }
 
 tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {

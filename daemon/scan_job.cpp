@@ -18,17 +18,13 @@
 #include "daemon/safe_on_exit.h"
 #include "daemon/scan_capture.h"
 #include "daemon/scan_preparation.h"
-#include "daemon/thread_executor.h"
-#include "fitting/own_frame.h"
+#include "daemon/scan_solution.h"
 #include "fitting/range_fit.h"
 
 namespace celadon {
 namespace {
 
 constexpr double kBytesPerSample = 50;
-// More samples than this share off the band that was fixed before the scan: fix it again from the log.
-constexpr double kMostOffBand = 1e-3;
-
 tl::unexpected<ScanStop> failed(const std::string& reason, ScanFailure failure = ScanFailure::system) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false, failure});
 }
@@ -53,25 +49,6 @@ std::string file_stem(const std::string& name) {
   std::string stem = name.empty() ? "object" : name;
   std::replace(stem.begin(), stem.end(), ' ', '_');
   return stem;
-}
-
-SurfaceModel model_of(const std::string& text) {
-  for (const auto model :
-       {SurfaceModel::cylinder, SurfaceModel::revolution, SurfaceModel::translational, SurfaceModel::general}) {
-    if (text == to_string(model)) return model;
-  }
-  return SurfaceModel::automatic;
-}
-
-RangeFitOptions fit_options(const ScanRequest& request, const Calibration& calibration) {
-  RangeFitOptions options;
-  options.model = model_of(request.model);
-  options.degree_u = request.degree_u;
-  options.degree_v = request.degree_v;
-  options.tolerance_mm = request.tolerance_mm;
-  options.form_tolerance_mm = request.form_tolerance_mm;
-  options.systematic_mm = calibration.systematic_mm;
-  return options;
 }
 
 /// A grid over what the object shows where it stands and a margin, as fine as the samples to come can carry.
@@ -154,67 +131,6 @@ tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEqu
   auto log = ProfileLogWriter::create(task.log_file, header);
   if (!log) return failed(log.error().message);
   return std::move(*log);
-}
-
-/// The log in parts that are read at the same time; always as many, so that results do not depend on the machine.
-class LogParts {
- public:
-  static tl::expected<LogParts, ScanStop> open(const std::filesystem::path& file, const ProfileLogWriter& log) {
-    constexpr int kParts = 4;
-    const std::vector<RecordMark> edges = log.divide(kParts);
-    LogParts parts;
-    for (std::size_t k = 0; k + 1 < edges.size(); ++k) {
-      auto reader = ProfileLogReader::open(file, edges[k], edges[k + 1]);
-      if (!reader) return failed(reader.error().message);
-      parts.streams_.push_back(reader->get());
-      parts.readers_.push_back(std::move(*reader));
-    }
-    return parts;
-  }
-  ProfileParts streams() const { return streams_; }
-  /// Of the first part that is damaged; empty: none is.
-  std::string error() const {
-    for (const auto& reader : readers_) {
-      if (!reader->error().empty()) return reader->error();
-    }
-    return {};
-  }
-
- private:
-  std::vector<std::unique_ptr<ProfileLogReader>> readers_;
-  std::vector<ProfileStream*> streams_;
-};
-
-/// Fixes the band again where too many samples lie outside, from the log.
-tl::expected<void, ScanStop> widen_band(const std::filesystem::path& file, const RangeFitOptions& options,
-                                        MomentGrid& sums, FirstLook& look) {
-  const auto all = static_cast<double>(sums.samples() + sums.rejected());
-  if (static_cast<double>(sums.rejected()) <= kMostOffBand * all) return {};
-  auto log = ProfileLogReader::open(file);
-  if (!log) return failed(log.error().message);
-  auto grid = choose_grid(**log, options);
-  if (!grid) return failed(grid.error().message, ScanFailure::data);
-  GatheredSamples gathered = gather(**log, *grid);
-  sums = std::move(gathered.sums);
-  look = std::move(gathered.look);
-  if (!(*log)->error().empty()) return failed((*log)->error());
-  return {};
-}
-
-/// From the sums and the first look to the surface, with one pass over the log.
-tl::expected<SurfaceFit, ScanStop> solve(const MomentGrid& sums, const FirstLook& look, const LogParts& log,
-                                         const RangeFitOptions& options) {
-  auto fit = fit_surface(sums, look, log.streams(), options, run_on_all_cores);
-  if (const std::string error = log.error(); !error.empty()) return failed(error);
-  if (!fit) return failed("No surface was found: " + fit.error().message, ScanFailure::data);
-  return std::move(*fit);
-}
-
-/// Another pass over the log, in the frame that the surface was fitted in.
-tl::expected<RangeFit, ResultError> measure(SurfaceFit surface, ProfileParts samples, const LogParts& log) {
-  RangeFit fit = measure_errors(std::move(surface), samples, run_on_all_cores);
-  if (const std::string error = log.error(); !error.empty()) return tl::make_unexpected(ResultError{4, error});
-  return fit;
 }
 
 std::vector<ResultFormat> formats_of(const ScanRequest& request) {
@@ -339,43 +255,33 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   // Solve, down to the exact NURBS surface.
   observer.on_state(ScanState::solving);
   const RangeFitOptions options = fit_options(task.request, equipment.calibration);
-  if (auto widened = widen_band(task.log_file, options, sums, look); !widened) {
-    return tl::make_unexpected(widened.error());
-  }
   auto samples = LogParts::open(task.log_file, **log);
   if (!samples) return tl::make_unexpected(samples.error());
-  auto solved = solve(sums, look, *samples, options);
-  if (!solved) return tl::make_unexpected(solved.error());
-  ProfileParts streams = samples->streams();
-  auto own = fit_in_own_frame(*solved, look, streams, options, run_on_all_cores);
-  if (const std::string error = samples->error(); !error.empty()) return failed(error);
-  if (own) {
-    notes.about_scanner_axis = solved->fit.report;
-    notes.own_axis = own->frame;
-    notes.warnings.insert(notes.warnings.end(), own->frame.warnings.begin(), own->frame.warnings.end());
-    solved = std::move(own->surface);
-    streams = own->samples.streams();
-  }
+  auto body = task.request.shape == "cylinder" ? solve_wall(task.log_file, options, sums, look, *samples, notes)
+                                               : solve_shape(task.request.shape, options, *samples, notes);
+  if (!body) return tl::make_unexpected(body.error());
   clock.end("solve");
   if (const auto light = shines.get(); light && !unsafe) notes.warnings.push_back(*light);
   feed->reset();
   if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
 
-  // Files and report; the errors are measured while the CAD file is written.
+  // Files and report; the errors of a wall are measured while the CAD file is written.
   observer.on_state(ScanState::exporting);
-  const RangeFunction function = solved->fit.function;
-  const NurbsSurface surface = solved->fit.surface;
-  if (auto warning = closure_warning(notes.closure_mm, solved->fit.report.noise_mm)) notes.warnings.push_back(*warning);
-  notes.truth_mm = truth_error(function, truth);
-  auto measuring = std::async(std::launch::async, measure, std::move(*solved), streams, std::cref(*samples));
+  std::vector<const RangeFunction*> functions;
+  std::vector<FittedSurface> surfaces;
+  for (const FittedPiece& piece : body->pieces) {
+    functions.push_back(&piece.function);
+    surfaces.push_back({piece.function, piece.surface});
+  }
+  if (auto warning = closure_warning(notes.closure_mm, body->noise_mm)) notes.warnings.push_back(*warning);
+  notes.truth_mm = truth_error(functions, truth);
   std::vector<std::string> warnings;
   const auto measured = [&] {
-    auto fit = measuring.get();
-    if (fit) warnings = fit->report.warnings;
+    auto fit = body->measured.get();
+    if (fit) warnings = fit->whole().warnings;
     return fit;
   };
-  auto files =
-      write_results({function, surface}, measured, formats, task.results_folder, notes, {.cad = cad ? &*cad : nullptr});
+  auto files = write_results(surfaces, measured, formats, task.results_folder, notes, {.cad = cad ? &*cad : nullptr});
   if (!files) return failed(files.error().message);
 
   ScanOutcome outcome;

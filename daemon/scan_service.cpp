@@ -14,6 +14,7 @@ using nlohmann::json;
 constexpr std::size_t kLongestName = 64;
 constexpr int kFewestProfiles = 16, kMostProfiles = 100'000;
 constexpr double kLongestExposure_ms = 1000, kLargestTolerance_mm = 100;
+constexpr std::array<const char*, 4> kShapes = {"cylinder", "sphere", "composite", "auto"};
 constexpr std::array<const char*, 5> kModels = {"auto", "cylinder", "revolution", "translational", "general"};
 constexpr std::array<const char*, 4> kFormats = {"step", "stl", "ply", "surface.json"};
 
@@ -22,10 +23,15 @@ const char* to_text(ScanMode mode) {
 }
 
 json request_json(const ScanRequest& request) {
-  json j = {{"name", request.name},         {"mode", to_text(request.mode)},
-            {"profiles", request.profiles}, {"exposure_ms", request.exposure_ms},
-            {"model", request.model},       {"tolerance_mm", request.tolerance_mm},
-            {"degree_u", request.degree_u}, {"degree_v", request.degree_v},
+  json j = {{"name", request.name},
+            {"mode", to_text(request.mode)},
+            {"profiles", request.profiles},
+            {"exposure_ms", request.exposure_ms},
+            {"shape", request.shape},
+            {"model", request.model},
+            {"tolerance_mm", request.tolerance_mm},
+            {"degree_u", request.degree_u},
+            {"degree_v", request.degree_v},
             {"formats", request.formats}};
   if (request.form_tolerance_mm) j["form_tolerance_mm"] = *request.form_tolerance_mm;
   return j;
@@ -123,6 +129,8 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
     request.profiles = whole_field(field, value, kFewestProfiles, kMostProfiles);
   } else if (field == "exposure_ms") {
     request.exposure_ms = number_field(field, value, kLongestExposure_ms, "ms");
+  } else if (field == "shape") {
+    request.shape = one_of(field, value, kShapes);
   } else if (field == "model") {
     request.model = one_of(field, value, kModels);
   } else if (field == "tolerance_mm") {
@@ -144,9 +152,10 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
       }
     }
   } else {
-    throw Refusal{"'" + field.substr(0, 60) +
-                  "' is not a field of a scan request; give name, mode, profiles, exposure_ms, model, tolerance_mm, "
-                  "form_tolerance_mm, degree_u, degree_v or formats."};
+    throw Refusal{
+        "'" + field.substr(0, 60) +
+        "' is not a field of a scan request; give name, mode, profiles, exposure_ms, shape, model, tolerance_mm, "
+        "form_tolerance_mm, degree_u, degree_v or formats."};
   }
 }
 

@@ -22,10 +22,11 @@ enum class ScanMode : std::uint8_t { step, sweep };
 struct ScanRequest {
   std::string name;  ///< of the object; letters, digits, "-_. "; becomes part of file names
   ScanMode mode = ScanMode::sweep;
-  int profiles = 1200;         ///< a turn, 16 .. 100000
-  double exposure_ms = 0;      ///< 0: as the camera stands
-  std::string model = "auto";  ///< auto|cylinder|revolution|translational|general
-  double tolerance_mm = 0;     ///< 0: what the data carry
+  int profiles = 1200;             ///< a turn, 16 .. 100000
+  double exposure_ms = 0;          ///< 0: as the camera stands
+  std::string shape = "cylinder";  ///< cylinder|sphere|composite|auto
+  std::string model = "auto";      ///< auto|cylinder|revolution|translational|general
+  double tolerance_mm = 0;         ///< 0: what the data carry
   std::optional<double> form_tolerance_mm;
   int degree_u = 3, degree_v = 3;
   std::vector<std::string> formats = {"step", "stl", "ply", "surface.json"};  ///< report.json is always written

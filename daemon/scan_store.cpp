@@ -81,6 +81,7 @@ std::string interruption(const fs::path& log_file) {
   std::string text = "The daemon ended during the scan; its log holds " + std::to_string(profiles) + " profiles with " +
                      std::to_string(samples) + " samples";
   if ((*log)->torn_bytes() > 0) text += " and " + std::to_string((*log)->torn_bytes()) + " torn bytes at the end";
+  if (profiles > 0) text += "; celadon fit " + log_file.string() + " makes of it what can be made";
   return text + again;
 }
 

@@ -37,15 +37,15 @@ tl::expected<std::vector<TruthPoint>, std::string> SimTruth::points() {
   return known;
 }
 
-std::optional<TruthError> truth_error(const RangeFunction& fitted, std::span<const TruthPoint> truth) {
+std::optional<TruthError> truth_error(std::span<const RangeFunction* const> pieces, std::span<const TruthPoint> truth) {
   TruthError error;
   double sum = 0, squares = 0;
   int n = 0;
   for (const TruthPoint& t : truth) {
     const Eigen::Vector3d p(t.r_mm * std::cos(t.theta_rad), t.r_mm * std::sin(t.theta_rad), t.z_mm);
-    const auto membership = fitted.membership(p);
-    if (!membership.in_band) continue;
-    const double e = -membership.ray_mm;
+    const auto at = std::find_if(pieces.begin(), pieces.end(), [&](const auto* f) { return f->membership(p).in_band; });
+    if (at == pieces.end()) continue;
+    const double e = -(*at)->membership(p).ray_mm;
     sum += e;
     squares += e * e;
     error.max = std::max(error.max, std::abs(e));

@@ -36,7 +36,8 @@ class SimTruth final : public TruthSource {
   std::unique_ptr<SimControl> control_;
 };
 
-/// Fitted range minus the true one along the ray, over the points within the surface's band; nullopt without any.
-std::optional<TruthError> truth_error(const RangeFunction& fitted, std::span<const TruthPoint> truth);
+/// Fitted range minus the true one along the ray, each point by the first piece whose band it is in; nullopt without
+/// any.
+std::optional<TruthError> truth_error(std::span<const RangeFunction* const> pieces, std::span<const TruthPoint> truth);
 
 }  // namespace celadon

@@ -1,6 +1,10 @@
 #include "daemon/scanner_connection.h"
 
+#include <spdlog/spdlog.h>
+
+#include "daemon/drive_profile_reader.h"
 #include "daemon/sim_control.h"
+#include "firmware_bridge/foreign_drive.h"
 #include "firmware_bridge/transport.h"
 
 namespace celadon {
@@ -12,11 +16,39 @@ tl::unexpected<ConnectError> unconnected(const std::string& message, bool wrong_
   return tl::make_unexpected(ConnectError{message, wrong_configuration});
 }
 
+// Before there is a machine, a refusal is one of the address or of what it was told to be.
+ConnectError connect_error(const DeviceError& error) {
+  return {error.message(), error.kind == DeviceError::Kind::refused};
+}
+
+tl::expected<std::unique_ptr<Transport>, ConnectError> open_drive(const DriveConfig& config, const std::string& url,
+                                                                  Clock& clock) {
+  ForeignMachine machine;
+  auto drive = read_drive_profile(config.profile);
+  if (!drive) return unconnected(drive.error(), true);
+  auto io = read_io_profile(config.io_profile);
+  if (!io) return unconnected(io.error(), true);
+  machine.drive = std::move(*drive);
+  machine.io = std::move(*io);
+  machine.serial = config.serial;
+  machine.steps_per_turn = config.steps_per_turn;
+  machine.motor_turns_per_turn = config.motor_turns_per_turn;
+  machine.max_speed_deg_per_s = config.max_speed_deg_per_s;
+  machine.max_acceleration_deg_per_s2 = config.max_acceleration_deg_per_s2;
+  machine.homes_at_mark = config.homes_at_mark;
+  auto to_io = open_transport(config.io);
+  if (!to_io) return tl::make_unexpected(connect_error(to_io.error()));
+  auto to_drive = open_transport(url);
+  if (!to_drive) return tl::make_unexpected(connect_error(to_drive.error()));
+  return open_foreign_machine(machine, std::move(*to_drive), std::move(*to_io), clock).map_error(connect_error);
+}
+
 }  // namespace
 
 tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
                                                               const std::string& camera_url,
-                                                              const Calibration& calibration) {
+                                                              const Calibration& calibration,
+                                                              const std::optional<DriveConfig>& drive) {
   ScannerConnection connection;
   connection.clock = std::make_unique<MonotonicClock>();
   if (camera_url.rfind(kSim, 0) == 0) {
@@ -38,9 +70,10 @@ tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string&
     if (!checked) return unconnected(checked.error().message, true);
     return connection;
   }
-  auto transport = open_transport(device_url);
-  // Before there is a machine, a refusal is one of the address.
-  if (!transport) return unconnected(transport.error().message(), transport.error().kind == DeviceError::Kind::refused);
+  auto transport =
+      drive ? open_drive(*drive, device_url, *connection.clock) : open_transport(device_url).map_error(connect_error);
+  if (!transport) return tl::make_unexpected(std::move(transport.error()));
+  if (const std::string warning = (*transport)->warning(); !warning.empty()) spdlog::warn("{}", warning);
   auto device = ScannerDevice::open(std::move(*transport), *connection.clock);
   if (!device) {
     return unconnected(device.error().message(), device.error().kind == DeviceError::Kind::wrong_protocol);

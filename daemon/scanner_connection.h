@@ -2,12 +2,14 @@
 // Device, camera, clock and, with a simulator, truth: opened together, checked against each other and the calibration.
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include <tl/expected.hpp>
 
 #include "acquisition/calibration.h"
 #include "acquisition/frame.h"
+#include "daemon/config.h"
 #include "daemon/scan_truth.h"
 #include "firmware_bridge/clock.h"
 #include "firmware_bridge/scanner_device.h"
@@ -34,9 +36,10 @@ struct ConnectError {
 };
 
 /// Opens everything; of a recording ("replay:FOLDER") the camera alone. The clock is the simulator's when the camera is
-/// "sim:FOLDER" in lock-step.
+/// "sim:FOLDER" in lock-step. With a drive the device's URL is the drive's.
 tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
                                                               const std::string& camera_url,
-                                                              const Calibration& calibration);
+                                                              const Calibration& calibration,
+                                                              const std::optional<DriveConfig>& drive = std::nullopt);
 
 }  // namespace celadon

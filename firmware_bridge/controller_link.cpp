@@ -128,6 +128,10 @@ tl::expected<StatusBlock, LinkError> ControllerLink::read_status() {
   quality_.round_trip_ns = after_ns - before_ns;
   quality_.longest_round_trip_ns = std::max(quality_.longest_round_trip_ns, quality_.round_trip_ns);
   StatusBlock block = decode_status(words);
+  if (block.status.fault_code != 0) {
+    const std::string text = transport_->fault_text(words[reg::status::fault_detail.address()]);
+    if (!text.empty()) block.status.fault_text += " (" + text + ")";
+  }
   block.status.host_before_ns = before_ns;
   block.status.host_after_ns = after_ns;
   return block;
@@ -175,6 +179,7 @@ tl::expected<DeviceCapabilities, LinkError> ControllerLink::read_capabilities() 
   c.remote_enable_switch = *at(reg::capabilities::safety_hardware) & protocol::kHasRemoteEnable;
   c.session_timeout_ms = *at(reg::capabilities::session_timeout);
   c.endless_rotation = *at(reg::axis_capabilities::features) & protocol::kEndless;
+  c.stamped_by_host = *at(reg::axis_capabilities::features) & protocol::kStampedByHost;
   if (!c.endless_rotation)
     c.travel_rad = radians(std::int64_t{protocol::get_s32(at(reg::axis_capabilities::travel_max))} -
                            protocol::get_s32(at(reg::axis_capabilities::travel_min)));

@@ -131,7 +131,7 @@ enum class Refusal : std::uint16_t { CELADON_REFUSALS(CELADON_ENUMERATOR) };
 
 namespace protocol {
 
-inline constexpr std::uint16_t kMajor = 1, kMinor = 1;
+inline constexpr std::uint16_t kMajor = 1, kMinor = 2;
 inline constexpr std::uint32_t kMagic = 0x43454C41;  ///< "CELA"
 inline constexpr int kMaxAxes = 3, kMaxLasers = 4;
 inline constexpr std::int64_t kTurn_udeg = 360'000'000;
@@ -170,7 +170,7 @@ inline constexpr std::uint16_t kSimulated = 1;
 inline constexpr std::uint16_t kHasWatchdog = 1, kHasInterlock = 2, kHasEmergencyStop = 4, kHasKeySwitch = 8,
                                kHasRemoteInterlock = 16, kHasEmissionIndicator = 32, kHasRemoteEnable = 64;
 // Bits of axis_capabilities.features.
-inline constexpr std::uint16_t kEndless = 1, kHasIndex = 2, kClosedLoop = 4;
+inline constexpr std::uint16_t kEndless = 1, kHasIndex = 2, kClosedLoop = 4, kStampedByHost = 8;
 // Values of capabilities.laser_class.
 inline constexpr std::uint16_t kClass1 = 1, kClass2 = 2, kClass3R = 3, kClass3B = 4;
 // Values of axis_capabilities.kind; further kinds come with minor versions.

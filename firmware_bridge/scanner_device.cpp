@@ -142,7 +142,7 @@ struct ScannerDevice::Impl {
     const DeviceStatus& s = last->status;
     const auto code = protocol::find_code(protocol::kFaultCodes, s.fault_code);
     const std::string cause = "the controller reports " + std::string(code.name) + " (code " +
-                              std::to_string(s.fault_code) + "): " + code.meaning;
+                              std::to_string(s.fault_code) + "): " + s.fault_text;
     const auto fault = static_cast<FaultCode>(s.fault_code);
     if (fault == FaultCode::interlock_opened || fault == FaultCode::emergency_stop)
       return error(Kind::interlock, operation, cause,

@@ -28,7 +28,8 @@ struct DeviceIdentity {
 struct DeviceCapabilities {
   int axes = 1, lasers = 1;
   bool endless_rotation = true;
-  double travel_rad = 0;  ///< 0 if endless
+  double travel_rad = 0;         ///< 0 if endless
+  bool stamped_by_host = false;  ///< position_time_us is when the sample was read, not when it was taken
   double encoder_resolution_rad = 0, max_speed_rad_per_s = 0, max_acceleration_rad_per_s2 = 0;
   int laser_class = 2;          ///< 1, 2, 3 (3R), 4 (3B) as printed in PROTOCOL.md; read-only identity
   std::int64_t lease_ms = 500;  ///< longest laser lease the controller grants
@@ -53,7 +54,7 @@ struct DeviceStatus {
   std::uint16_t button_presses = 0;  ///< latched counter, wraps
   std::uint16_t button_held_ms = 0;  ///< how long it is down, or was the last time; stays at 65535
   std::uint16_t fault_code = 0;
-  std::string fault_text;  ///< meaning of fault_code, empty for none
+  std::string fault_text;  ///< meaning of fault_code and, where known, of the drive's own number; empty for none
   bool homed = false;
   bool remote_enabled = false;          ///< by the switch at the machine, where there is one
   bool local_action_needed = false;     ///< commands are refused until the button on the machine is pressed

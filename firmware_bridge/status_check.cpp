@@ -36,8 +36,14 @@ std::optional<Contradiction> positions(const DeviceStatus& before, const DeviceS
   const double seconds = static_cast<double>(now.position_time_us - before.position_time_us) * 1e-6;
   const double expected_rad = stood ? 0 : (before.speed_rad_per_s + now.speed_rad_per_s) / 2 * seconds;
   const double possible_rad = stood ? 0 : capabilities.max_acceleration_rad_per_s2 * seconds * seconds / 4;
+  // Read rather than stamped: each sample may be as much older or newer as its exchange took.
+  const double unknown_s =
+      static_cast<double>(before.host_after_ns - before.host_before_ns + now.host_after_ns - now.host_before_ns) * 1e-9;
+  const double unknown_rad = capabilities.stamped_by_host
+                                 ? std::max(std::abs(before.speed_rad_per_s), std::abs(now.speed_rad_per_s)) * unknown_s
+                                 : 0;
   const double jump_rad = now.angle_rad - before.angle_rad - expected_rad;
-  if (std::abs(jump_rad) <= possible_rad + kPositionSlack_rad) return std::nullopt;
+  if (std::abs(jump_rad) <= possible_rad + unknown_rad + kPositionSlack_rad) return std::nullopt;
   char text[200];
   std::snprintf(
       text, sizeof text,

@@ -16,7 +16,8 @@ struct Contradiction {
 /// What the later of two polls says that cannot follow from the earlier one; nullopt: it can.
 /// - Clocks: the controller's clock has to advance as far as the host's, within both exchanges, 20 ms and 0.1 %.
 /// - Position: between two samples of a homed axis at most its greatest acceleration a acts, so that
-///   |x1 - x0 - (v0 + v1) T / 2| <= a T^2 / 4; 0.2 degrees more for a table that swings on its coupling. Without a
+///   |x1 - x0 - (v0 + v1) T / 2| <= a T^2 / 4; 0.2 degrees more for a table that swings on its coupling; where the host
+///   stamps, also what the table turns in both exchanges. Without a
 ///   command in between an axis that stood and stands has not moved.
 /// @pre both are of the same start of the controller
 std::optional<Contradiction> contradiction(const DeviceStatus& before, const DeviceStatus& now, bool commanded_between,

@@ -42,6 +42,8 @@ class Transport {
   virtual std::uint64_t connections() const { return 0; }
   /// What works less well than asked for, one sentence; empty if nothing.
   virtual std::string warning() const { return {}; }
+  /// What the device's own number of a fault (status.fault_detail) stands for, one clause; empty if it is not known.
+  virtual std::string fault_text(std::uint16_t /*detail*/) const { return {}; }
 
   // What the controller tells by itself. It shortens waits and fills gaps; the registers remain the truth.
   /// Whether it tells of changes; else waiting for them is polling.

@@ -19,40 +19,62 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity(), kEquator =
 // Pieces that met worse than this many of their noise's standard deviations, or this angle, are worth a word.
 constexpr double kGapScales = 1, kAngleRad = 0.02;
 
+/// Where a piece ends: at a height that it reaches, and its samples so far from it. The wall further in may lie in the
+/// shadow of the shoulder, which is no longer than the shoulder is wide.
+struct PieceEnd {
+  std::optional<double> height_mm;
+  double edge_mm = 0, shadow_mm = 0;
+};
+
 /// The samples of one piece, read anew at every pass.
 class Piece {
  public:
-  Piece(ProfileStream& samples, const char* name, BaseKind base, double centre_mm, double lowest_mm, double highest_mm)
-      : name_(name),
-        base_(base),
+  /// A wall of the body.
+  Piece(ProfileStream& samples, std::string name, const PieceEnd& low, const PieceEnd& high)
+      : name_(std::move(name)),
+        low_(low),
+        high_(high),
+        window_(samples, low.height_mm ? *low.height_mm + low.edge_mm : -kInfinity,
+                high.height_mm ? *high.height_mm - high.edge_mm : kInfinity) {}
+  /// A head about the axis' point at that height.
+  Piece(ProfileStream& samples, bool top, double centre_mm)
+      : name_(top ? "the head above" : "the head below"),
+        window_(samples, top ? std::nextafter(centre_mm, kInfinity) : -kInfinity,
+                top ? kInfinity : std::nextafter(centre_mm, -kInfinity)),
+        head_(std::in_place, window_, centre_mm),
         centre_mm_(centre_mm),
-        window_(samples, lowest_mm, highest_mm),
-        spherical_(window_, centre_mm) {}
+        top_(top) {}
   Piece(const Piece&) = delete;
   Piece& operator=(const Piece&) = delete;
 
-  const char* name() const { return name_; }
-  ProfileStream& stream() { return base_ == BaseKind::sphere ? static_cast<ProfileStream&>(spherical_) : window_; }
+  const std::string& name() const { return name_; }
+  bool head() const { return head_.has_value(); }
+  bool top() const { return top_; }
+  double centre_mm() const { return centre_mm_; }
+  ProfileStream& stream() { return head_ ? static_cast<ProfileStream&>(*head_) : window_; }
 
-  /// The piece by itself; its surface reaches the splits.
-  tl::expected<SurfaceFit, FitError> fit(RangeFitOptions options, const CompositeSplit& split) {
-    options.base = base_;
-    const auto named = [&](const FitError& error) { return tl::unexpected(FitError{name_ + (": " + error.message)}); };
+  /// The piece by itself; its surface reaches the heights at its ends.
+  tl::expected<SurfaceFit, FitError> fit(RangeFitOptions options) {
+    options.base = head_ ? BaseKind::sphere : BaseKind::cylinder;
+    const auto named = [&](const FitError& error) { return tl::unexpected(FitError{name_ + ": " + error.message}); };
+    options.reach_start = options.reach_end = std::nullopt;
     auto grid = choose_grid(stream(), options);
     if (!grid) return named(grid.error());
-    if (base_ == BaseKind::cylinder) {
-      options.reach_start = split.below_mm;
-      options.reach_end = split.above_mm;
-      grid->z_start_mm = split.below_mm.value_or(grid->z_start_mm);
-      grid->z_end_mm = split.above_mm.value_or(grid->z_end_mm);
+    if (head_) {
+      (top_ ? options.reach_end : options.reach_start) = kEquator;
     } else {
-      (split.above_mm == centre_mm_ ? options.reach_end : options.reach_start) = kEquator;
+      options.reach_start = low_.height_mm;
+      options.reach_end = high_.height_mm;
+      options.hidden_start = low_.shadow_mm;
+      options.hidden_end = high_.shadow_mm;
+      grid->z_start_mm = low_.height_mm.value_or(grid->z_start_mm);
+      grid->z_end_mm = high_.height_mm.value_or(grid->z_end_mm);
     }
     const GatheredSamples gathered = gather(stream(), *grid);
     ProfileStream* const whole[] = {&stream()};
     auto fitted = fit_surface(gathered.sums, gathered.look, whole, options);
     if (!fitted) return named(fitted.error());
-    if (base_ == BaseKind::sphere) {
+    if (head_) {
       const RangeFunction& f = fitted->fit.function;
       BaseSurface base = f.base();
       base.X_WB.translation().z() = centre_mm_;
@@ -63,12 +85,55 @@ class Piece {
   }
 
  private:
-  const char* name_;
-  BaseKind base_;
-  double centre_mm_;
+  std::string name_;
+  PieceEnd low_, high_;
   WindowStream window_;
-  SphericalStream spherical_;
+  std::optional<SphericalStream> head_;
+  double centre_mm_ = 0;
+  bool top_ = false;
 };
+
+/// From bottom to top.
+std::vector<std::unique_ptr<Piece>> pieces_of(ProfileStream& samples, const CompositeSplit& split,
+                                              const RangeFitOptions& options) {
+  std::vector<PieceEnd> ends = {{split.below_mm ? split.below_mm : options.reach_start, 0}};
+  for (const Shoulder& shoulder : split.shoulders) {
+    // A sample at the very height of a shoulder lies on no wall.
+    ends.push_back({shoulder.height_mm, std::max(shoulder.edge_mm, 1e-12 * std::abs(shoulder.height_mm) + 1e-12),
+                    std::abs(shoulder.jump_mm)});
+  }
+  ends.push_back({split.above_mm ? split.above_mm : options.reach_end, 0});
+  std::vector<std::unique_ptr<Piece>> pieces;
+  if (split.below_mm) pieces.push_back(std::make_unique<Piece>(samples, false, *split.below_mm));
+  for (std::size_t k = 0; k + 1 < ends.size(); ++k) {
+    const auto &low = ends[k], &high = ends[k + 1];
+    std::string name = "the body";
+    if (!split.shoulders.empty())
+      name = "the wall" + (low.height_mm ? text(" from %.6g mm", *low.height_mm) : "") +
+             (high.height_mm ? text(" up to %.6g mm", *high.height_mm) : "");
+    pieces.push_back(std::make_unique<Piece>(samples, std::move(name), low, high));
+  }
+  if (split.above_mm) pieces.push_back(std::make_unique<Piece>(samples, true, *split.above_mm));
+  return pieces;
+}
+
+/// Two walls whose rims cross leave no ring between them.
+std::optional<FitError> crossing(const Shoulder& shoulder, const RangeFunction& below, const RangeFunction& above) {
+  constexpr int kAngles = 1440;
+  double least = kInfinity, most = -kInfinity, there = 0;
+  for (int k = 0; k < kAngles; ++k) {
+    const double theta = 2 * std::numbers::pi * k / kAngles;
+    const double jump = above(theta, shoulder.height_mm) - below(theta, shoulder.height_mm);
+    if (shoulder.jump_mm > 0 ? jump < least : jump > most) there = theta;
+    least = std::min(least, jump);
+    most = std::max(most, jump);
+  }
+  if (least > 0 || most < 0) return std::nullopt;
+  return FitError{text(
+      "the walls below and above z = %.6g mm cross near %.0f degrees: there is no ring between them; name the height "
+      "of the shoulder, or fit the walls one by one between two heights",
+      shoulder.height_mm, there * 180 / std::numbers::pi)};
+}
 
 void describe_joined(RangeFit& fit) {
   fit.surface = symbolic_product(fit.function);
@@ -83,14 +148,19 @@ void describe_joined(RangeFit& fit) {
 }
 
 std::optional<FitError> refuse(const CompositeSplit& split, const RangeFitOptions& options) {
-  if (!split.below_mm && !split.above_mm)
+  if (!split.any())
     return FitError{"a composite needs a height at which it is split; name one, or fit a cylinder or a sphere"};
-  if (split.below_mm && split.above_mm && !(*split.below_mm < *split.above_mm))
-    return FitError{text("the lower split at %.6g mm is not below the upper one at %.6g mm; exchange them",
-                         *split.below_mm, *split.above_mm)};
+  std::vector<double> heights;
+  if (split.below_mm) heights.push_back(*split.below_mm);
+  for (const Shoulder& shoulder : split.shoulders) heights.push_back(shoulder.height_mm);
+  if (split.above_mm) heights.push_back(*split.above_mm);
+  for (std::size_t k = 1; k < heights.size(); ++k)
+    if (!(heights[k - 1] < heights[k]))
+      return FitError{
+          text("the split at %.6g mm is not below the next one at %.6g mm; exchange them", heights[k - 1], heights[k])};
   if (!options.arcs.closed())
     return FitError{"composites are closed around; fit the open range as a cylinder or a sphere"};
-  if (options.degree_u < 2)
+  if (options.degree_u < 2 && (split.below_mm || split.above_mm))
     return FitError{text("the degree %d along the pieces has no tangents to share; take 2 or more", options.degree_u)};
   return std::nullopt;
 }
@@ -100,40 +170,42 @@ std::optional<FitError> refuse(const CompositeSplit& split, const RangeFitOption
 tl::expected<CompositeFit, FitError> fit_composite(ProfileStream& samples, const CompositeSplit& split,
                                                    const RangeFitOptions& options) {
   if (auto error = refuse(split, options)) return tl::unexpected(*error);
-  const double below = split.below_mm.value_or(-kInfinity), above = split.above_mm.value_or(kInfinity);
-  std::vector<std::unique_ptr<Piece>> pieces;
-  if (split.below_mm)
-    pieces.push_back(std::make_unique<Piece>(samples, "the head below", BaseKind::sphere, below, -kInfinity,
-                                             std::nextafter(below, -kInfinity)));
-  const std::size_t body = pieces.size();
-  pieces.push_back(std::make_unique<Piece>(samples, "the body", BaseKind::cylinder, 0, below, above));
-  if (split.above_mm)
-    pieces.push_back(std::make_unique<Piece>(samples, "the head above", BaseKind::sphere, above,
-                                             std::nextafter(above, kInfinity), kInfinity));
-
+  const auto pieces = pieces_of(samples, split, options);
   std::vector<SurfaceFit> fits;
   for (const auto& piece : pieces) {
-    auto fit = piece->fit(options, split);
+    auto fit = piece->fit(options);
     if (!fit) return tl::unexpected(fit.error());
     fits.push_back(std::move(*fit));
   }
   CompositeFit composite;
-  for (std::size_t k = 0; k < fits.size(); ++k)
-    if (k != body)
-      composite.joints.push_back({.height_mm = k < body ? below : above,
-                                  .top = k > body,
-                                  .before = meeting(fits[body].fit.function, fits[k].fit.function),
-                                  .after = {}});
-  // Between two heads twice: the second may give the body knots around that the first has not.
-  for (int round = 0; round < (fits.size() == 3 ? 2 : 1); ++round)
-    for (std::size_t k = 0; k < fits.size(); ++k) {
-      if (k == body) continue;
-      auto joined = join(fits[body].fit.function, fits[k].fit.function, options.continuity);
-      fits[body].fit.function = std::move(joined.body);
-      fits[k].fit.function = std::move(joined.head);
+  composite.shoulders = split.shoulders;
+  const std::size_t first_wall = split.below_mm ? 1 : 0;
+  for (std::size_t k = 0; k < split.shoulders.size(); ++k)
+    if (auto error =
+            crossing(split.shoulders[k], fits[first_wall + k].fit.function, fits[first_wall + k + 1].fit.function))
+      return tl::unexpected(*error);
+
+  // The wall that a head joins is its neighbour.
+  const auto wall_of = [&](std::size_t head) -> RangeFunction& {
+    return fits[pieces[head]->top() ? head - 1 : head + 1].fit.function;
+  };
+  std::vector<std::size_t> heads;
+  for (std::size_t k = 0; k < pieces.size(); ++k)
+    if (pieces[k]->head()) heads.push_back(k);
+  for (const std::size_t head : heads)
+    composite.joints.push_back({.height_mm = pieces[head]->centre_mm(),
+                                .top = pieces[head]->top(),
+                                .before = meeting(wall_of(head), fits[head].fit.function),
+                                .after = {}});
+  // One wall between two heads twice: the second may give it knots around that the first has not.
+  for (int round = 0; round < (heads.size() == 2 && fits.size() == 3 ? 2 : 1); ++round)
+    for (const std::size_t head : heads) {
+      auto joined = join(wall_of(head), fits[head].fit.function, options.continuity);
+      wall_of(head) = std::move(joined.body);
+      fits[head].fit.function = std::move(joined.head);
     }
-  for (CompositeJoint& joint : composite.joints)
-    joint.after = meeting(fits[body].fit.function, fits[joint.top ? fits.size() - 1 : 0].fit.function);
+  for (std::size_t k = 0; k < heads.size(); ++k)
+    composite.joints[k].after = meeting(wall_of(heads[k]), fits[heads[k]].fit.function);
 
   RangeFitReport& all = composite.report;
   SurfaceErrors missed;
@@ -146,8 +218,7 @@ tl::expected<CompositeFit, FitError> fit_composite(ProfileStream& samples, const
     all.points += fit.report.points;
     all.rejected += fit.report.rejected;
     all.unfollowable += fit.report.unfollowable;
-    for (const std::string& warning : fit.report.warnings)
-      all.warnings.push_back(std::string(pieces[k]->name()) + ": " + warning);
+    for (const std::string& warning : fit.report.warnings) all.warnings.push_back(pieces[k]->name() + ": " + warning);
     composite.pieces.push_back(std::move(fit));
   }
   all.residual_mm = missed.along_ray_mm();

@@ -399,11 +399,10 @@ HWY_INLINE void sum_columns(const Rows& rows, std::size_t column, double* sums) 
   for (auto& line : sum)
     for (auto& part : line) part = hn::Zero(d);
   for (std::size_t i = 0; i < rows.rows; ++i) {
-    const double *r = rows.r[i] + column, *t = rows.t_powers + i * (kQ + 1);
+    const double *r = rows.r[i] + column, *factors = rows.factors + i * (kQ + 1);
     for (std::size_t k = 0; k < kVectors; ++k) {
       const auto range = hn::LoadU(d, r + k * lanes);
-      sum[0][k] = hn::Add(sum[0][k], range);
-      for (int a = 1; a <= kQ; ++a) sum[a][k] = hn::MulAdd(range, hn::Set(d, t[a]), sum[a][k]);
+      for (int a = 0; a <= kQ; ++a) sum[a][k] = hn::MulAdd(range, hn::Set(d, factors[a]), sum[a][k]);
       sum[kQ + 1][k] = hn::MulAdd(range, range, sum[kQ + 1][k]);
     }
   }
@@ -421,7 +420,7 @@ void sum_rows_of(const Rows& rows, double* sums) {
       double sum = 0;
       for (std::size_t i = 0; i < rows.rows; ++i) {
         const double r = rows.r[i][column];
-        sum += r * (a <= kQ ? rows.t_powers[i * (kQ + 1) + a] : r);
+        sum += r * (a <= kQ ? rows.factors[i * (kQ + 1) + a] : r);
       }
       sums[a * rows.columns + column] = sum;
     }

@@ -22,22 +22,26 @@ SampleCovariance carried(const SampleCovariance& of, const Eigen::Matrix3d& by) 
 
 }  // namespace
 
+void move_profile(const Profile& from, const Eigen::Isometry3d& X_LS, Profile& to) {
+  to = from;
+  for (std::size_t k = 0; k < from.size(); ++k) {
+    const double r = from.r_mm[k], theta = from.theta_rad[k];
+    const Eigen::Vector3d p = X_LS * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta), from.z_mm[k]);
+    const double turned = std::atan2(p.y(), p.x());
+    to.r_mm[k] = std::hypot(p.x(), p.y());
+    to.theta_rad[k] = turned < 0 ? turned + 2 * std::numbers::pi : turned;
+    to.z_mm[k] = p.z();
+    if (from.covariance.empty() || !(to.r_mm[k] > 0)) continue;
+    const Eigen::Matrix3d by =
+        cartesian_by_polar(to.r_mm[k], turned).inverse() * X_LS.linear() * cartesian_by_polar(r, theta);
+    to.covariance[k] = carried(from.covariance[k], by);
+  }
+}
+
 const Profile* MovedStream::next() {
   const Profile* const from = from_.next();
   if (!from) return nullptr;
-  profile_ = *from;
-  for (std::size_t k = 0; k < from->size(); ++k) {
-    const double r = from->r_mm[k], theta = from->theta_rad[k];
-    const Eigen::Vector3d p = X_LS_ * Eigen::Vector3d(r * std::cos(theta), r * std::sin(theta), from->z_mm[k]);
-    const double turned = std::atan2(p.y(), p.x());
-    profile_.r_mm[k] = std::hypot(p.x(), p.y());
-    profile_.theta_rad[k] = turned < 0 ? turned + 2 * std::numbers::pi : turned;
-    profile_.z_mm[k] = p.z();
-    if (from->covariance.empty() || !(profile_.r_mm[k] > 0)) continue;
-    const Eigen::Matrix3d by =
-        cartesian_by_polar(profile_.r_mm[k], turned).inverse() * X_LS_.linear() * cartesian_by_polar(r, theta);
-    profile_.covariance[k] = carried(from->covariance[k], by);
-  }
+  move_profile(*from, X_LS_, profile_);
   return &profile_;
 }
 

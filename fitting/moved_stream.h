@@ -9,6 +9,9 @@
 
 namespace celadon {
 
+/// The samples of a profile in the frame L, covariances carried over: theta in [0, 2 pi). @pre `to` is another one
+void move_profile(const Profile& from, const Eigen::Isometry3d& X_LS, Profile& to);
+
 /// A stream of (r, theta, z) in the scanner's frame S as the local frame L sees it, covariances carried over: theta in
 /// [0, 2 pi). Samples on the local axis get r = 0, which a fit rejects.
 class MovedStream : public ProfileStream {

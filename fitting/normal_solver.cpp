@@ -286,10 +286,14 @@ double NormalSolver::effective_parameters() {
 }
 
 RangeFunction range_function(const NormalEquations& equations, const Eigen::MatrixXd& free) {
-  const auto &u = equations.space().u, &v = equations.space().v;
+  return range_function(equations.space(), equations.base(), equations.arcs(), free);
+}
+
+RangeFunction range_function(const FitSpace& space, BaseKind kind, const BaseArcs& arcs, const Eigen::MatrixXd& free) {
+  const auto &u = space.u, &v = space.v;
   BaseSurface base;
-  base.kind = equations.base();
-  base.arcs = equations.arcs();
+  base.kind = kind;
+  base.arcs = arcs;
   base.band_start = u.breaks().front();
   base.band_end = u.breaks().back();
   std::vector<double> knots_u(u.knots());

@@ -144,6 +144,7 @@ BendingEnergy bending_energy(const NormalEquations& equations);
 double energy_factor(const NormalEquations& equations, const BendingEnergy& energy, double relative_weight);
 
 /// The range function of free coefficients, over the whole band of its u space.
+RangeFunction range_function(const FitSpace& space, BaseKind base, const BaseArcs& arcs, const Eigen::MatrixXd& free);
 RangeFunction range_function(const NormalEquations& equations, const Eigen::MatrixXd& free);
 
 }  // namespace celadon

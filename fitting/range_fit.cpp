@@ -120,12 +120,14 @@ std::optional<FitError> reach(CoveredBand& band, const MomentGrid& sums, const R
                            band_end, to);
   };
   if (options.reach_start) {
-    if (band.z_start_mm - *options.reach_start > far) return FitError{short_of(*options.reach_start, band.z_start_mm)};
+    if (band.z_start_mm - *options.reach_start > std::max(far, options.hidden_start))
+      return FitError{short_of(*options.reach_start, band.z_start_mm)};
     band.z_start_mm = *options.reach_start;
     band.cells.first = edge(band.z_start_mm);
   }
   if (options.reach_end) {
-    if (*options.reach_end - band.z_end_mm > far) return FitError{short_of(*options.reach_end, band.z_end_mm)};
+    if (*options.reach_end - band.z_end_mm > std::max(far, options.hidden_end))
+      return FitError{short_of(*options.reach_end, band.z_end_mm)};
     band.z_end_mm = *options.reach_end;
     band.cells.last = edge(band.z_end_mm);
   }

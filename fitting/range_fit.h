@@ -49,6 +49,8 @@ struct RangeFitOptions {
   /// Coordinates along the base (z in mm, or w) at which the samples end but the object goes on: the surface reaches
   /// them if samples come near, and an error says so if not. Edges of the grid's cells, as choose_grid() makes them.
   std::optional<double> reach_start{}, reach_end{};
+  double hidden_start = 0,
+         hidden_end = 0;  ///< so much may be missing there in any case, as in the shadow of a shoulder
   bool robust = true;     ///< Tukey weights by the median absolute deviation
   bool smoothing = true;  ///< bending energy by Mallows' Cp
   /// Fairing: as little bending energy of the range as moves 95 % of the surface by no more than this along rays; 0:

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <span>
 #include <vector>
 
 #include "fitting/even_points.h"
@@ -29,6 +30,8 @@ constexpr double kSteepShare = 1e-3;
 constexpr double kFlatRad = 3 / kDegrees;
 // A sphere is simpler than two pieces: it may be worse by a half and by this mean of sin^2 psi.
 constexpr double kSimplerFactor = 1.5, kSimplerMean = 0.01;
+// So near to a shoulder, as a share of the height, neighbours do not lie in one plane.
+constexpr double kShoulderShare = 0.04;
 // A split stays so far from both ends, as a share of the height; and goes to the centre of the sphere that its head's
 // samples lie on if that is as near.
 constexpr double kEndShare = 0.02, kCentreShare = 0.03;
@@ -94,16 +97,21 @@ double least(double from, double to, const Cost& cost) {
   return best;
 }
 
-tl::expected<Places, FitError> places_of(ProfileStream& samples) {
+tl::expected<Places, FitError> places_of(ProfileStream& samples, std::span<const Shoulder> shoulders) {
   const Eigen::Matrix3Xd p = even_points(samples, kPoints);
   if (p.cols() < static_cast<Eigen::Index>(kFewestPoints))
     return tl::unexpected(FitError{
         text("%td samples are too few to see what shape they have; name one, or take more samples", p.cols())});
   const SurfaceSample surface = sample_surface(p, static_cast<int>(kPoints), kNormals);
   Places places;
+  const double beside = kShoulderShare * (p.row(2).maxCoeff() - p.row(2).minCoeff());
+  const auto beside_shoulder = [&](double z) {
+    return std::any_of(shoulders.begin(), shoulders.end(),
+                       [&](const Shoulder& shoulder) { return std::abs(z - shoulder.height_mm) < beside; });
+  };
   std::vector<Eigen::Index> flat;
   for (Eigen::Index k = 0; k < surface.normal_weights.size(); ++k)
-    if (surface.normal_weights(k) > 0) flat.push_back(k);
+    if (surface.normal_weights(k) > 0 && !beside_shoulder(surface.middles(2, k))) flat.push_back(k);
   if (flat.size() < kFewestPoints)
     return tl::unexpected(
         FitError{"the samples have no neighbours that lie in planes: what shape they have cannot be seen; name one"});
@@ -133,6 +141,13 @@ double at_centre(ProfileStream& samples, double split, bool top, double height) 
   return centre;
 }
 
+std::string steps_of(std::span<const Shoulder> shoulders) {
+  std::string heights;
+  for (const Shoulder& shoulder : shoulders)
+    heights += (heights.empty() ? "" : ", ") + text("%.6g", shoulder.height_mm);
+  return text("the wall steps all around at z = %s mm, where no smooth one follows it", heights.c_str());
+}
+
 }  // namespace
 
 const char* to_string(BodyShape shape) {
@@ -140,12 +155,19 @@ const char* to_string(BodyShape shape) {
 }
 
 tl::expected<ShapeChoice, FitError> choose_shape(ProfileStream& samples, std::optional<BodyShape> wanted) {
-  const auto places = places_of(samples);
-  if (!places) return tl::unexpected(places.error());
   ShapeChoice choice;
+  if (!wanted || *wanted == BodyShape::composite) choice.split.shoulders = find_shoulders(samples);
+  const bool stepped = !choice.split.shoulders.empty();
+  const auto places = places_of(samples, choice.split.shoulders);
+  if (!places) return tl::unexpected(places.error());
   const double top = steep_share(*places, true), bottom = steep_share(*places, false);
   const bool head_above = top >= kSteepShare, head_below = bottom >= kSteepShare;
   const double steep = 100 * (top + bottom);
+  if (stepped && !head_above && !head_below) {
+    choice.shape = BodyShape::composite;
+    choice.reason = steps_of(choice.split.shoulders);
+    return choice;
+  }
   if (wanted ? *wanted == BodyShape::cylinder : !head_above && !head_below) {
     choice.reason = text(
         "the axis sees %.1f %% of the surface at more than 75 degrees, flat ends apart: a cylinder "
@@ -155,8 +177,8 @@ tl::expected<ShapeChoice, FitError> choose_shape(ProfileStream& samples, std::op
   }
   if (!head_above && !head_below && wanted == BodyShape::composite)
     return tl::unexpected(FitError{text(
-        "the axis sees all but %.1f %% of the surface at less than 75 degrees: there is no head to split off; fit a "
-        "cylinder, or name a height with --split",
+        "the axis sees all but %.1f %% of the surface at less than 75 degrees: there is no head to split off, and no "
+        "shoulder all around; fit a cylinder, or name a height with --split-above, --split-below or --shoulders",
         steep)});
 
   // Both searches keep away from the ends.
@@ -171,7 +193,8 @@ tl::expected<ShapeChoice, FitError> choose_shape(ProfileStream& samples, std::op
       return mean_sine_square(*places, {z, view.above});
     });
   const double by_pieces = mean_sine_square(*places, view);
-  const bool sphere = wanted ? *wanted == BodyShape::sphere : by_sphere <= kSimplerFactor * by_pieces + kSimplerMean;
+  const bool sphere =
+      wanted ? *wanted == BodyShape::sphere : !stepped && by_sphere <= kSimplerFactor * by_pieces + kSimplerMean;
   choice.shape = sphere ? BodyShape::sphere : BodyShape::composite;
   if (sphere) {
     const double own = centre_on_axis_mm(samples);
@@ -179,6 +202,12 @@ tl::expected<ShapeChoice, FitError> choose_shape(ProfileStream& samples, std::op
   } else {
     if (view.above) choice.split.above_mm = at_centre(samples, *view.above, true, height);
     if (view.below) choice.split.below_mm = at_centre(samples, *view.below, false, height);
+    // What lies in the heads' part is theirs.
+    std::erase_if(choice.split.shoulders, [&](const Shoulder& shoulder) {
+      const double z = shoulder.height_mm;
+      return (choice.split.below_mm && z <= *choice.split.below_mm + kEndShare * height) ||
+             (choice.split.above_mm && z >= *choice.split.above_mm - kEndShare * height);
+    });
   }
   const auto mean_angle = [](double mean) { return std::asin(std::sqrt(std::clamp(mean, 0.0, 1.0))) * kDegrees; };
   choice.reason = text(
@@ -188,6 +217,7 @@ tl::expected<ShapeChoice, FitError> choose_shape(ProfileStream& samples, std::op
       head_above && head_below ? "two heads"
       : head_above             ? "a head above"
                                : "a head below");
+  if (!choice.split.shoulders.empty()) choice.reason += "; " + steps_of(choice.split.shoulders);
   return choice;
 }
 

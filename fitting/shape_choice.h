@@ -24,9 +24,9 @@ struct ShapeChoice {
 /// By the angle psi between normals and the rays that see them, from planes through the neighbours of an even sample of
 /// points. A cylinder will do where next to nothing is seen at more than 75 degrees; flat ends do not count, they are
 /// its discs. Else the least mean of sin^2 psi decides between a sphere and heads above, below or on both sides; each
-/// split is where it is least. `wanted` automatic chooses the shape, a shape its centre or splits only.
-/// The stream is in the cylinder's frame and read once. Errors: fewer than 50 samples with numbers; a composite of an
-/// object whose ends are not closed.
+/// split is where it is least. Shoulders of the wall make it several (find_shoulders). `wanted` automatic chooses the
+/// shape, a shape its centre or splits only. The stream is in the cylinder's frame. Errors: fewer than 50 samples with
+/// numbers; a composite of an object that has neither heads nor shoulders.
 tl::expected<ShapeChoice, FitError> choose_shape(ProfileStream& samples,
                                                  std::optional<BodyShape> wanted = std::nullopt);
 

@@ -15,6 +15,7 @@ constexpr double kSteep = 2.5;       // rise over height between these rows: 68 
 constexpr double kScales = 6;        // of the scatter within a row
 constexpr double kAllAround = 0.75;  // of the sectors that have samples on both sides
 constexpr int kLongest = 6;          // rows: what is steep for longer is a slope, not a step
+constexpr int kHidden = 12;          // rows without samples that a step may hide in its shadow
 
 double middle_of(std::vector<double>& of) {
   const auto at = of.begin() + static_cast<std::ptrdiff_t>(of.size() / 2);
@@ -31,6 +32,18 @@ struct Rows {
   std::vector<double> medians;
   double at(int sector, int row) const {
     return row < 0 || row >= count ? kNone : medians[static_cast<std::size_t>(sector * count + row)];
+  }
+  /// Half of the sectors have samples there.
+  bool shows(int row) const {
+    int sectors = 0;
+    for (int s = 0; s < kSectors; ++s) sectors += std::isnan(at(s, row)) ? 0 : 1;
+    return 2 * sectors >= kSectors;
+  }
+  /// The first row from one on, upwards or downwards, that shows something; beyond what a step hides the one asked for.
+  int seen_from(int sector, int row, int direction) const {
+    for (int k = 0; k <= kHidden; ++k)
+      if (!std::isnan(at(sector, row + k * direction))) return row + k * direction;
+    return row;
   }
 };
 
@@ -60,12 +73,14 @@ Rows rows_of(std::span<const SamplePoint> samples, int arcs, double z_start, dou
 
 // The jump between the rows beside one, beyond what the slopes there rise; 0: none.
 double jump_at(const Rows& rows, int sector, int row) {
-  const auto at = [&](int k) { return rows.at(sector, row + k); };
-  const double jump = at(kBeside) - at(-kBeside),
-               slope = std::max(std::abs(at(2 * kBeside) - at(kBeside)), std::abs(at(-kBeside) - at(-2 * kBeside)));
+  const int above = rows.seen_from(sector, row + kBeside, 1), below = rows.seen_from(sector, row - kBeside, -1);
+  const auto at = [&](int k) { return rows.at(sector, k); };
+  const double jump = at(above) - at(below),
+               slope = std::max(std::abs(at(above + kBeside) - at(above)), std::abs(at(below) - at(below - kBeside)));
   if (!std::isfinite(jump) || !std::isfinite(slope)) return kNone;
-  return std::abs(jump) > kScales * rows.scatter + slope && std::abs(jump) > kSteep * 2 * kBeside * rows.height ? jump
-                                                                                                                : 0;
+  return std::abs(jump) > kScales * rows.scatter + slope && std::abs(jump) > kSteep * (above - below) * rows.height
+             ? jump
+             : 0;
 }
 
 }  // namespace
@@ -96,7 +111,9 @@ std::vector<WallStep> find_steps(std::span<const SamplePoint> samples, int arcs,
     int end = row + 1;
     for (int k = end; k < std::min(end + kBeside, rows.count); ++k)
       if (at(k) * at(row) > 0) end = k + 1;
-    if (end - row <= kLongest) {
+    int shown = 0;
+    for (int k = row; k < end; ++k) shown += rows.shows(k) ? 1 : 0;
+    if (shown <= kLongest) {
       double weight = 0, z = 0;
       for (int k = row; k < end; ++k) {
         weight += std::abs(at(k));
@@ -105,7 +122,8 @@ std::vector<WallStep> find_steps(std::span<const SamplePoint> samples, int arcs,
       // Between rows beyond the shoulder.
       std::vector<double> between;
       for (int s = 0; s < kSectors; ++s) {
-        const double jump = rows.at(s, end - 1 + 2 * kBeside) - rows.at(s, row - 2 * kBeside);
+        const double jump = rows.at(s, rows.seen_from(s, end - 1 + 2 * kBeside, 1)) -
+                            rows.at(s, rows.seen_from(s, row - 2 * kBeside, -1));
         if (std::isfinite(jump)) between.push_back(jump);
       }
       if (!between.empty()) steps.push_back({z / weight, middle_of(between)});

@@ -11,6 +11,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "sim/device_truth.h"
 #include "sim/frame_server.h"
 
 namespace celadon::sim {
@@ -129,6 +130,10 @@ json scene(const Device& d, const Words&) {
           {"z_max_mm", d.model.scene().z_max_mm()}};
 }
 
+json effects(const Device& d, const Words&) {
+  return {{"effects", effects_of(d.model.config())}};
+}
+
 json calibration(const Device& d, const Words&) {
   return {{"calibration", format_calibration(d.model.calibration())}};
 }
@@ -163,10 +168,10 @@ struct Command {
 
 const std::map<std::string, Command>& commands() {
   static const std::map<std::string, Command> kCommands{
-      {"hello", {hello, false}}, {"time", {time_now, false}}, {"wait-until", {wait_until, true}},
-      {"press", {press, true}},  {"state", {state, false}},   {"truth", {truth, true}},
-      {"scene", {scene, false}}, {"fault", {fault, true}},    {"calibration", {calibration, false}},
-      {"clear", {clear, true}}};
+      {"hello", {hello, false}},     {"time", {time_now, false}}, {"wait-until", {wait_until, true}},
+      {"press", {press, true}},      {"state", {state, false}},   {"truth", {truth, true}},
+      {"scene", {scene, false}},     {"fault", {fault, true}},    {"calibration", {calibration, false}},
+      {"effects", {effects, false}}, {"clear", {clear, true}}};
   return kCommands;
 }
 

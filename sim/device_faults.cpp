@@ -61,7 +61,11 @@ ObjectPose DeviceModel::pose_at(std::int64_t time_ns) const {
 
 double DeviceModel::camera_turn_at(std::int64_t time_ns) const {
   const double shake = faults_.armed("vibration") ? faults_.value("vibration") * swing(kVibration_hz, time_ns) : 0;
-  return camera_turn_rad_ + shake * kRad_per_deg;
+  const ThermalDrift& thermal = config_.thermal;
+  const double warm = 1 - std::exp(-static_cast<double>(time_ns - config_.start_ns) * 1e-9 / thermal.time_constant_s);
+  // In steps of a microradian, 0.002 px: a picture of the same view is made from what is known of the one before.
+  const double drift = std::round(thermal.camera_turn_rad * warm * 1e6) * 1e-6;
+  return camera_turn_rad_ + shake * kRad_per_deg + drift;
 }
 
 void DeviceModel::inject(const FaultOrder& order) {
@@ -80,7 +84,7 @@ void DeviceModel::inject(const FaultOrder& order) {
   if (name == "clock-step") boot_ns_ -= nanoseconds;
   if (name == "stamp-step") camera_.set_stamp_step(nanoseconds);
   if (name == "controller-reset") {
-    laser_.enable(false, now_ns_);
+    for (Laser& laser : lasers_) laser.enable(false, now_ns_);
     table_.stop(now_ns_);
     boot();
   }
@@ -92,9 +96,9 @@ void DeviceModel::inject(const FaultOrder& order) {
   }
   if (name == "camera-nudge") camera_turn_rad_ += order.value * kRad_per_deg;
   if (name == "delay-frames") camera_.set_extra_delay(nanoseconds);
-  if (name == "laser-stuck-on" || name == "laser-hidden") laser_.set_stuck_on(true, now_ns_);
-  if (name == "laser-dead") laser_.set_dead(true);
-  if (name == "laser-flicker") laser_.set_flicker(order.value);
+  if (name == "laser-stuck-on" || name == "laser-hidden") lasers_[0].set_stuck_on(true, now_ns_);
+  if (name == "laser-dead") lasers_[0].set_dead(true);
+  if (name == "laser-flicker") lasers_[0].set_flicker(order.value);
   if (name == "motor-stall") table_.block(true, now_ns_);
   if (name == "steps-wrong") table_.set_gear_error(order.value, now_ns_);
   if (name == "backlash") table_.set_backlash(order.value * kRad_per_deg);
@@ -108,9 +112,9 @@ void DeviceModel::clear_fault(const std::string& name) {
   if (name == "drop-frame") camera_.lose_next(0);
   if (name == "delay-frames") camera_.set_extra_delay(0);
   if (name == "stamp-step") camera_.set_stamp_step(0);
-  if (name == "laser-stuck-on" || name == "laser-hidden") laser_.set_stuck_on(false, now_ns_);
-  if (name == "laser-dead") laser_.set_dead(false);
-  if (name == "laser-flicker") laser_.set_flicker(0);
+  if (name == "laser-stuck-on" || name == "laser-hidden") lasers_[0].set_stuck_on(false, now_ns_);
+  if (name == "laser-dead") lasers_[0].set_dead(false);
+  if (name == "laser-flicker") lasers_[0].set_flicker(0);
   if (name == "motor-stall") {
     table_.block(false, now_ns_);
     table_.clear_stall();

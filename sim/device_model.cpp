@@ -58,7 +58,7 @@ DeviceModel::DeviceModel(const DeviceConfig& config)
         t.start_angle_rad = 2 * std::numbers::pi * random_uniform(make_key(config.seed, kStartAnglePurpose, 0), 0);
         return t;
       }()),
-      laser_(config.laser, config.seed),
+      lasers_{Laser(config.laser, config.seed), Laser(config.laser, config.seed + 1)},
       camera_(config.camera, config.start_ns),
       now_ns_(config.start_ns),
       boot_ns_(config.start_ns),
@@ -76,6 +76,7 @@ void DeviceModel::boot() {
   c.model = kModel;
   c.serial = config_.serial.c_str();
   c.simulated = true;
+  c.lasers = static_cast<std::uint16_t>(laser_count());
   c.locked_at_start = config_.locked_at_start;
   c.safety_hardware |= protocol::kHasRemoteEnable;
   c.axis[0].encoder_resolution_ndeg =
@@ -87,14 +88,15 @@ void DeviceModel::boot() {
 }
 
 void DeviceModel::tick() {
-  history_.push_back({table_.table_angle_rad(now_ns_), table_.table_speed_rad_per_s(now_ns_), laser_.power(now_ns_)});
+  history_.push_back({table_.table_angle_rad(now_ns_), table_.table_speed_rad_per_s(now_ns_), lasers_[0].power(now_ns_),
+                      lasers_[1].power(now_ns_)});
   if (history_.size() > kHistory) history_.pop_front();
   while (!presses_.empty() && presses_.front().to_ns + bounce_ns() <= now_ns_) presses_.pop_front();
   next_tick_ns_ += kTick_ns;
   if (!core_) return;
   if (table_.index_found(now_ns_)) strike(faults_.due_at_angle(table_.encoder_rad(now_ns_) / kDegree));
   core_->step(controller_us());
-  if (laser_.emits(now_ns_)) {
+  if (lasers_that_emit() != 0) {
     dark_since_ns_ = 0;
   } else if (dark_since_ns_ == 0) {
     dark_since_ns_ = now_ns_;
@@ -132,14 +134,18 @@ protocol::Exception DeviceModel::write_holding(std::uint16_t address, std::uint1
   return core_->write_holding(controller_us(), address, count, words);
 }
 
+std::uint16_t DeviceModel::lasers_that_emit() const {
+  return static_cast<std::uint16_t>((lasers_[0].emits(now_ns_) ? 1 : 0) | (lasers_[1].emits(now_ns_) ? 2 : 0));
+}
+
 PlantInputs DeviceModel::inputs(std::uint64_t /*now_us*/) {
   PlantInputs in;
   in.interlock_closed = !faults_.armed("interlock-open");
   in.emergency_stop = faults_.armed("emergency-stop");
   in.button = button_down();
   in.remote_enabled = !faults_.armed("remote-off");
-  const bool unseen = faults_.armed("laser-hidden") && !laser_.enabled();
-  in.lasers_measured = laser_.emits(now_ns_) && !unseen ? 1 : 0;
+  in.lasers_measured = lasers_that_emit();
+  if (faults_.armed("laser-hidden") && !lasers_[0].enabled()) in.lasers_measured &= 0xfffe;
   return in;
 }
 
@@ -184,7 +190,8 @@ void DeviceModel::release(int /*axis*/, std::uint64_t /*now_us*/) {
   table_.release(now_ns_);
 }
 void DeviceModel::set_lasers(std::uint16_t mask, std::uint64_t /*now_us*/) {
-  laser_.enable((mask & 1) != 0, now_ns_);
+  lasers_[0].enable((mask & 1) != 0, now_ns_);
+  lasers_[1].enable((mask & 2) != 0, now_ns_);
 }
 void DeviceModel::set_lamp(LampPattern /*pattern*/, std::uint64_t /*now_us*/) {}  // the core knows what it shows
 
@@ -250,7 +257,7 @@ DeviceState DeviceModel::state() {
   s.speed_rad_per_s = table_.table_speed_rad_per_s(now_ns_);
   s.motor_speed_rad_per_s = table_.motor_speed_rad_per_s(now_ns_);
   s.motion = core_->motion(0);
-  s.lasers_on = laser_.emits(now_ns_) ? 1 : 0;
+  s.lasers_on = lasers_that_emit();
   s.lease_left_ms = core_->lease_left_ms(0);
   s.lamp = core_->lamp();
   s.fault = core_->fault();
@@ -289,14 +296,17 @@ Calibration DeviceModel::calibration() const {
   c.camera_model.cy_px = {in.cy_px, 1e-6};
   c.camera_model.distortion = {Measured{in.k1, 1e-9}, Measured{in.k2, 1e-9}, Measured{in.p1, 1e-9},
                                Measured{in.p2, 1e-9}, Measured{in.k3, 1e-9}};
-  LaserPlane plane;
-  plane.laser = 0;
-  plane.normal_C = o.X_CW.linear() * o.sheet.normal_W;
-  plane.normal_C.normalize();
-  plane.distance_mm = o.sheet.distance_mm + plane.normal_C.dot(o.X_CW.translation());
-  plane.u_normal_rad = 1e-9;
-  plane.u_distance_mm = 1e-6;
-  c.lasers = {plane};
+  for (int laser = 0; laser < laser_count(); ++laser) {
+    const LaserSheet& sheet = laser == 0 ? o.sheet : *o.second_sheet;
+    LaserPlane plane;
+    plane.laser = laser;
+    plane.normal_C = o.X_CW.linear() * sheet.normal_W;
+    plane.normal_C.normalize();
+    plane.distance_mm = sheet.distance_mm + plane.normal_C.dot(o.X_CW.translation());
+    plane.u_normal_rad = 1e-9;
+    plane.u_distance_mm = 1e-6;
+    c.lasers.push_back(plane);
+  }
   c.axis.X_CW = o.X_CW;
   c.axis.u_direction_rad = 1e-9;
   c.axis.u_position_mm = 1e-6;

@@ -1,6 +1,7 @@
 #pragma once
 // One machine on one clock: controller core, table, laser, button, lamp and camera. Used by one thread.
 
+#include <array>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -14,6 +15,7 @@
 #include "acquisition/calibration.h"
 #include "firmware_bridge/controller_core.h"
 #include "sim/camera.h"
+#include "sim/exposure.h"
 #include "sim/fault_plan.h"
 #include "sim/laser.h"
 #include "sim/optics.h"
@@ -30,6 +32,7 @@ struct DeviceConfig {
   bool locked_at_start = false;  ///< a press of the button is needed before anything moves or shines
   TurntableConfig turntable;
   LaserConfig laser;
+  ThermalDrift thermal;
   CameraConfig camera;
   OpticsConfig optics;                    ///< camera size and format follow `camera`
   std::int64_t start_ns = 1'000'000'000;  ///< the device's clock at power-on
@@ -125,6 +128,8 @@ class DeviceModel final : private Plant {
   // device_faults.cpp
   void strike(const std::vector<FaultOrder>& orders);
   bool button_down() const;
+  int laser_count() const { return config_.optics.second_sheet ? 2 : 1; }
+  std::uint16_t lasers_that_emit() const;
   std::int64_t bounce_ns() const;
   ObjectPose pose_at(std::int64_t time_ns) const;
   double camera_turn_at(std::int64_t time_ns) const;
@@ -137,7 +142,7 @@ class DeviceModel final : private Plant {
   DeviceConfig config_;
   Scene scene_;
   Turntable table_;
-  Laser laser_;
+  std::array<Laser, 2> lasers_;
   CameraTimeline camera_;
   FaultPlan faults_;
   std::int64_t now_ns_, boot_ns_, next_tick_ns_;

@@ -15,7 +15,10 @@
 #include <optional>
 #include <sstream>
 
+#include "sim/device_truth.h"
+#include "sim/machine_options.h"
 #include "sim/picture_file.h"
+#include "sim/renderer.h"
 #include "sim/server.h"
 
 namespace celadon::sim {
@@ -27,103 +30,6 @@ constexpr int kGood = 0, kNo = 1, kInput = 2, kDevice = 3, kSystem = 4;
 int fail(int code, const std::string& sentence) {
   std::cerr << "celadon-sim: " << sentence << "\n";
   return code;
-}
-
-/// Everything the command line says.
-struct Options {
-  std::string scene = "vase", format = "grey", shutter = "global", speed = "real", modbus_tcp = "127.0.0.1:0",
-              modbus_rtu, usbip, date;
-  std::uint64_t seed = 1;
-  int width = 1280, height = 1024;
-  double fps = 60, exposure_ms = 4, delay_ms = 8, sheet_offset_mm = 0.3, sheet_tilt_mrad = 2, sheet_sigma_mm = 0.25;
-  double line_levels = 150, speckle = 0.2, read_noise = 1.5, electrons = 40, ambient = 1, reflection = 0.1, glaze = 0;
-  double backlash_deg = 0;
-  bool locked = false;
-  std::string socket_dir;
-  std::vector<std::string> faults;
-  std::string fault_plan;
-};
-
-void add_machine_options(CLI::App& app, Options& o) {
-  app.add_option("--scene", o.scene, "object on the table")
-      ->check(CLI::IsMember(Scene::names()))
-      ->capture_default_str();
-  app.add_option("--seed", o.seed, "of every random number")->capture_default_str();
-  app.add_option("--width", o.width, "image width, px")->check(CLI::Range(64, 4096))->capture_default_str();
-  app.add_option("--height", o.height, "image height, px")->check(CLI::Range(64, 4096))->capture_default_str();
-  app.add_option("--format", o.format, "pixel format")->check(CLI::IsMember({"grey", "yuyv"}))->capture_default_str();
-  app.add_option("--shutter", o.shutter, "global: all rows at once; rolling: row after row")
-      ->check(CLI::IsMember({"global", "rolling"}))
-      ->capture_default_str();
-  app.add_option("--fps", o.fps, "frames a second")->check(CLI::Range(1.0, 1000.0))->capture_default_str();
-  app.add_option("--exposure", o.exposure_ms, "exposure at the start, ms")
-      ->check(CLI::Range(0.02, 900.0))
-      ->capture_default_str();
-  app.add_option("--frame-delay", o.delay_ms, "from read out to arrived, ms")
-      ->check(CLI::Range(0.0, 5000.0))
-      ->capture_default_str();
-  app.add_option("--sheet-offset", o.sheet_offset_mm, "laser sheet misses the axis by, mm")
-      ->check(CLI::Range(-20.0, 20.0))
-      ->capture_default_str();
-  app.add_option("--sheet-tilt", o.sheet_tilt_mrad, "laser sheet leans by, mrad")
-      ->check(CLI::Range(-200.0, 200.0))
-      ->capture_default_str();
-  app.add_option("--sheet-sigma", o.sheet_sigma_mm, "laser sheet's thickness, standard deviation, mm")
-      ->check(CLI::Range(0.01, 2.0))
-      ->capture_default_str();
-  app.add_option("--line-levels", o.line_levels, "brightness of the line, grey levels at 4 ms")
-      ->check(CLI::Range(0.0, 5000.0))
-      ->capture_default_str();
-  app.add_option("--speckle", o.speckle, "speckle contrast, 0: none")
-      ->check(CLI::Range(0.0, 1.0))
-      ->capture_default_str();
-  app.add_option("--read-noise", o.read_noise, "standard deviation, grey levels")
-      ->check(CLI::Range(0.0, 50.0))
-      ->capture_default_str();
-  app.add_option("--electrons", o.electrons, "electrons a grey level (shot noise)")
-      ->check(CLI::Range(0.1, 1e9))
-      ->capture_default_str();
-  app.add_option("--ambient", o.ambient, "room light, relative")->check(CLI::Range(0.0, 100.0))->capture_default_str();
-  app.add_option("--reflection", o.reflection, "stray second line, share of the line")
-      ->check(CLI::Range(0.0, 5.0))
-      ->capture_default_str();
-  app.add_option("--glaze", o.glaze, "gloss of the object, relative to its matt brightness")
-      ->check(CLI::Range(0.0, 100.0))
-      ->capture_default_str();
-  app.add_option("--backlash", o.backlash_deg, "play of the drive, degrees")
-      ->check(CLI::Range(0.0, 10.0))
-      ->capture_default_str();
-  app.add_option("--date", o.date, "date of the true calibration, ISO 8601 in UTC (default: now)");
-}
-
-DeviceConfig device_of(const Options& o) {
-  CameraConfig camera;
-  camera.width_px = o.width - o.width % 2;
-  camera.height_px = o.height;
-  camera.format = o.format == "yuyv" ? PixelFormat::yuyv : PixelFormat::grey8;
-  camera.shutter = o.shutter == "rolling" ? Shutter::rolling : Shutter::global;
-  camera.period_ns = std::llround(1e9 / o.fps);
-  camera.readout_ns = camera.period_ns * 84 / 100;
-  camera.exposure_ns = std::min<std::int64_t>(std::llround(o.exposure_ms * 1e6), camera.period_ns - 100'000);
-  camera.delay_ns = std::llround(o.delay_ms * 1e6);
-  DeviceConfig device = default_device(camera, o.sheet_offset_mm, o.sheet_tilt_mrad * 1e-3);
-  device.scene = o.scene;
-  device.seed = o.seed;
-  device.date = o.date;
-  device.locked_at_start = o.locked;
-  device.turntable.backlash_rad = o.backlash_deg * std::numbers::pi / 180;
-  OpticsConfig& optics = device.optics;
-  optics.sheet.sigma_mm = o.sheet_sigma_mm;
-  optics.line_levels = o.line_levels;
-  optics.speckle_contrast = o.speckle;
-  optics.noise.read_levels = static_cast<float>(o.read_noise);
-  optics.noise.electrons_per_level = static_cast<float>(o.electrons);
-  optics.ambient_low *= o.ambient;
-  optics.ambient_high *= o.ambient;
-  optics.object_ambient *= o.ambient;
-  optics.reflection = o.reflection;
-  optics.glaze = o.glaze;
-  return device;
 }
 
 Server* running_server = nullptr;
@@ -272,8 +178,8 @@ int write_frame(const Options& o, double angle_deg, double speed_deg_per_s, bool
   // The angle asked for is that of the middle of the picture.
   const std::int64_t middle = e.exposure_ns / 2 - e.line_time_ns * device.camera.height_px / 2;
   for (std::int64_t ms = -1000; ms <= 1000; ++ms) {
-    e.motion.samples.push_back(
-        {angle + speed * 1e-9 * static_cast<double>(ms * 1'000'000 + middle), speed, laser ? 1.0 : 0.0});
+    e.motion.samples.push_back({angle + speed * 1e-9 * static_cast<double>(ms * 1'000'000 + middle), speed,
+                                laser ? 1.0 : 0.0, laser ? 1.0 : 0.0});
   }
   e.motion.first_ns = -1'000'000'000;
   std::vector<std::uint8_t> bytes(device.camera.frame_bytes());
@@ -330,6 +236,10 @@ int run(int argc, char** argv) {
   auto* truth_at = truth->add_option("--angle", truth_angle, "angle, degrees");
   truth->add_option("--z", truth_z, "height, mm")->needs(truth_at);
   truth_file->excludes(truth_at);
+  bool truth_effects = false;
+  truth->add_flag("--effects", truth_effects, "print what the machine does beyond the calibrated model")
+      ->excludes(truth_file)
+      ->excludes(truth_at);
   auto* calibration = app.add_subcommand("calibration", "print the true calibration");
   double frame_angle = 0, frame_speed = 0;
   std::string frame_file;
@@ -356,10 +266,20 @@ int run(int argc, char** argv) {
   }
   if (clear->parsed()) return ask_and_print(o, "clear " + cleared);
   if (state->parsed()) return ask_and_print(o, "state");
+  if (o.socket_dir.empty() || (!calibration->parsed() && !truth->parsed())) {
+    if (const auto scene = Scene::make(o.scene); !scene) return fail(kInput, scene.error() + "; see celadon-sim --help");
+  }
   if (calibration->parsed()) return write_calibration(o, "-");
   if (truth->parsed()) {
     if (!calibration_file.empty()) return write_calibration(o, calibration_file);
-    if (truth_at->count() == 0) return fail(kInput, "truth needs --calibration FILE or --angle DEG --z MM");
+    if (truth_effects) {
+      if (!o.socket_dir.empty()) return ask_and_print(o, "effects");
+      std::cout << effects_of(device_of(o)).dump() << "\n";
+      return kGood;
+    }
+    if (truth_at->count() == 0) {
+      return fail(kInput, "truth needs --calibration FILE, --effects or --angle DEG --z MM");
+    }
     return print_truth(o, truth_angle, truth_z);
   }
   if (frame->parsed()) return write_frame(o, frame_angle, frame_speed, !frame_dark, frame_file);

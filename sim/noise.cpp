@@ -53,8 +53,8 @@ HWY_INLINE VF Gaussian(const RandomKey& key, VU counter) {
 }
 
 // Whole vectors from the row itself, the rest of it through a buffer of one vector.
-void ExposeRow(const float* HWY_RESTRICT mean, std::size_t count, const SensorNoise& noise, const RandomKey& key,
-               std::uint32_t first, std::uint8_t* HWY_RESTRICT out) {
+void ExposeRow(const float* HWY_RESTRICT levels, float factor, std::size_t count, const SensorNoise& noise,
+               const RandomKey& key, std::uint32_t first, std::uint8_t* HWY_RESTRICT out) {
   const DU du;
   const DF df;
   const hn::RebindToSigned<DU> di;
@@ -64,7 +64,9 @@ void ExposeRow(const float* HWY_RESTRICT mean, std::size_t count, const SensorNo
   const VF read_variance = hn::Set(df, noise.read_levels * noise.read_levels);
   const VF offset = hn::Set(df, noise.pedestal + 0.5F);
   const VU steps = hn::Iota(du, 0);
-  const auto exposed = [&](VF m, std::uint32_t counter) {
+  const VF scale = hn::Set(df, factor);
+  const auto exposed = [&](VF level, std::uint32_t counter) {
+    const VF m = hn::Mul(level, scale);
     const VF sd = hn::Sqrt(hn::Add(hn::Mul(m, inverse_electrons), read_variance));
     const VF v = hn::Add(hn::Add(m, offset), hn::Mul(sd, Gaussian(key, hn::Add(steps, hn::Set(du, counter)))));
     const VF clamped = hn::Min(hn::Max(v, hn::Zero(df)), hn::Set(df, 255.F));
@@ -72,12 +74,12 @@ void ExposeRow(const float* HWY_RESTRICT mean, std::size_t count, const SensorNo
   };
   std::size_t i = 0;
   for (; i + lanes <= count; i += lanes) {
-    hn::StoreU(exposed(hn::LoadU(df, mean + i), first + static_cast<std::uint32_t>(i)), d8, out + i);
+    hn::StoreU(exposed(hn::LoadU(df, levels + i), first + static_cast<std::uint32_t>(i)), d8, out + i);
   }
   if (i < count) {
     HWY_ALIGN float last[HWY_MAX_BYTES / sizeof(float)] = {};
     HWY_ALIGN std::uint8_t bytes[HWY_MAX_BYTES] = {};
-    std::copy(mean + i, mean + count, last);
+    std::copy(levels + i, levels + count, last);
     hn::StoreU(exposed(hn::Load(df, last), first + static_cast<std::uint32_t>(i)), d8, bytes);
     std::copy(bytes, bytes + (count - i), out + i);
   }
@@ -108,9 +110,9 @@ HWY_EXPORT(ExposeRow);
 HWY_EXPORT(GaussianRow);
 HWY_EXPORT(TargetName);
 
-void expose_row(const float* mean_levels, std::size_t count, const SensorNoise& noise, const RandomKey& key,
+void expose_row(const float* levels, float factor, std::size_t count, const SensorNoise& noise, const RandomKey& key,
                 std::uint32_t first, std::uint8_t* out) {
-  HWY_DYNAMIC_DISPATCH(ExposeRow)(mean_levels, count, noise, key, first, out);
+  HWY_DYNAMIC_DISPATCH(ExposeRow)(levels, factor, count, noise, key, first, out);
 }
 
 void gaussian_row(const RandomKey& key, std::uint32_t first, std::size_t count, float* out) {

@@ -15,10 +15,11 @@ struct SensorNoise {
   float read_levels = 1.5F;          ///< standard deviation of the read noise, grey levels
 };
 
-/// out[i] = clamp(round(pedestal + mean[i] + sqrt(mean[i] / electrons + read^2) * gaussian(key, first + i)), 0, 255).
+/// out[i] = clamp(round(pedestal + mean + sqrt(mean / electrons + read^2) * gaussian(key, first + i)), 0, 255) with
+/// mean = levels[i] * factor.
 /// Shot noise is taken as Gaussian: at 40 electrons a level the pedestal's read noise hides what differs.
-/// @pre mean[i] >= 0
-void expose_row(const float* mean_levels, std::size_t count, const SensorNoise& noise, const RandomKey& key,
+/// @pre levels[i] * factor >= 0
+void expose_row(const float* levels, float factor, std::size_t count, const SensorNoise& noise, const RandomKey& key,
                 std::uint32_t first, std::uint8_t* out);
 
 /// out[i] = gaussian(key, first + i).

@@ -9,6 +9,7 @@
 
 #include "sim/device_model.h"
 #include "sim/file_descriptor.h"
+#include "sim/renderer.h"
 #include "sim/thread_annotations.h"
 
 namespace celadon::sim {

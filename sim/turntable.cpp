@@ -8,6 +8,7 @@ namespace celadon::sim {
 namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
+constexpr double kEccentric_rad = 0.8;  // where the encoder disc lies off its centre
 
 double seconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-9;
@@ -77,11 +78,16 @@ double Turntable::after_backlash(double motor_rad) const {
 
 double Turntable::table_angle_rad(std::int64_t now_ns) {
   advance(now_ns);
-  return after_backlash(motor(now_ns).position) - deflection(now_ns).position;
+  const double angle = after_backlash(motor(now_ns).position) - deflection(now_ns).position;
+  if (config_.encoder_eccentricity_rad == 0) return angle;
+  return angle + config_.encoder_eccentricity_rad * (std::sin(angle + kEccentric_rad) - std::sin(kEccentric_rad));
 }
 
 double Turntable::table_speed_rad_per_s(std::int64_t now_ns) {
-  return gear_ * motor(now_ns).speed - deflection(now_ns).speed;
+  const double speed = gear_ * motor(now_ns).speed - deflection(now_ns).speed;
+  if (config_.encoder_eccentricity_rad == 0) return speed;
+  const double angle = after_backlash(motor(now_ns).position) - deflection(now_ns).position;
+  return speed * (1 + config_.encoder_eccentricity_rad * std::cos(angle + kEccentric_rad));
 }
 
 double Turntable::encoder_rad(std::int64_t now_ns) {

@@ -17,6 +17,7 @@ struct TurntableConfig {
   double settle_time_s = 0.1;              ///< the drive reports settling this long after the motor stands
   double backlash_rad = 0;                 ///< play between motor and table; the encoder sits on the motor's side
   std::uint32_t encoder_counts = 144'000;  ///< per turn: 0.0025 deg
+  double encoder_eccentricity_rad = 0;     ///< e: at encoder angle b the table stands at b + e (sin(b + 0.8) - sin 0.8)
   double start_angle_rad = 1.0;            ///< where the table stands at power-on, counted from the index
 };
 

@@ -10,17 +10,10 @@
 
 #include <tl/expected.hpp>
 
+#include "daemon/shape_fit.h"
 #include "fitting/constraints.h"
 
 namespace celadon::cli {
-
-/// The symmetry that was asked for; where the mirror plane is may be left to the samples.
-struct SymmetryRequest {
-  int fold = 1;
-  bool mirrored = false;
-  std::optional<double> plane_rad{};  ///< nullopt: to be found
-  bool any() const { return fold > 1 || mirrored; }
-};
 
 struct ConstraintArguments {
   std::vector<std::string> radii;

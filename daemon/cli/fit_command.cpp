@@ -12,17 +12,19 @@
 
 #include <CLI/CLI.hpp>
 
-#include "daemon/cli/body_fit.h"
+#include "acquisition/calibration.h"
 #include "daemon/cli/commands.h"
 #include "daemon/cli/constraint_options.h"
 #include "daemon/cli/fit_input.h"
 #include "daemon/cli/fit_outputs.h"
+#include "daemon/cli/log_file.h"
 #include "daemon/cli/model_option.h"
 #include "daemon/cli/partial_fit.h"
 #include "daemon/files/atomic_file.h"
 #include "daemon/files/cloud_files.h"
 #include "daemon/report.h"
 #include "daemon/results.h"
+#include "daemon/shape_fit.h"
 #include "daemon/usage_error.h"
 #include "fitting/composite_fit.h"
 #include "fitting/covered_angles.h"
@@ -41,7 +43,7 @@ struct FitArguments {
   std::string input, turned_over, raised, axis = "auto", unit = "mm", shape = "cylinder", model = "auto",
                                           space = "curvature", rims = "plane", name, date, report;
   std::vector<std::string> outputs, angles;
-  std::vector<double> heights;
+  std::vector<double> heights, shoulders_mm;
   double tolerance_mm = 0, form_tolerance_mm = -1, fair_mm = 0, chord_mm = 0;
   std::optional<double> centre_z_mm, split_above_mm, split_below_mm, lift_mm;
   std::vector<int> degree = {3, 3}, knots;
@@ -72,24 +74,19 @@ RangeFitOptions fit_options(const FitArguments& arguments) {
 tl::expected<ShapeChoice, std::string> shape_of(const FitArguments& arguments, ProfileStream& samples,
                                                 bool about_origin) {
   ShapeChoice named;
-  const auto choose = [&](std::optional<BodyShape> wanted) -> tl::expected<ShapeChoice, std::string> {
-    auto choice = choose_shape(samples, wanted);
-    if (!choice) return tl::make_unexpected(choice.error().message);
-    return *choice;
-  };
-  if (arguments.shape == "auto") return choose(std::nullopt);
   if (arguments.shape == "composite") {
     named.shape = BodyShape::composite;
-    named.split = {.below_mm = arguments.split_below_mm, .above_mm = arguments.split_above_mm};
-    return named.split.below_mm || named.split.above_mm ? named : choose(BodyShape::composite);
+    named.split = {.below_mm = arguments.split_below_mm,
+                   .above_mm = arguments.split_above_mm,
+                   .shoulders = shoulders_at(samples, arguments.shoulders_mm)};
+    if (named.split.any()) return named;
   }
-  if (arguments.shape == "sphere") {
+  if (arguments.shape == "sphere" && (arguments.centre_z_mm || about_origin)) {
     named.shape = BodyShape::sphere;
-    named.centre_z_mm = arguments.centre_z_mm.value_or(about_origin ? 0 : centre_on_axis_mm(samples));
-    if (!std::isfinite(named.centre_z_mm))
-      return tl::make_unexpected("the samples lie at one height and show no centre; name one with --centre-z");
+    named.centre_z_mm = arguments.centre_z_mm.value_or(0);
+    return named;
   }
-  return named;
+  return shape_named(arguments.shape, samples);
 }
 
 // The part of the turn as it was named, or as the samples cover it.
@@ -152,11 +149,15 @@ std::string contradiction(const FitArguments& arguments) {
     return "--write-grid is for one pose of an object; leave --turned-over and --raised out";
   if (!arguments.turned_over.empty() && !arguments.raised.empty())
     return "--turned-over and --raised are each for a second file; leave one of them out";
-  if (arguments.raised.empty() == arguments.lift_mm.has_value() || (arguments.lift_exact && arguments.raised.empty()))
+  const bool logged_lift = !arguments.raised.empty() && !arguments.lift_mm && is_profile_log(arguments.raised);
+  if ((arguments.raised.empty() == arguments.lift_mm.has_value() && !logged_lift) ||
+      (arguments.lift_exact && arguments.raised.empty()))
     return "--raised and --lift go together: the file, and how far the lift had raised the object for it";
   if (arguments.centre_z_mm && !sphere) return "--centre-z is for --shape sphere; leave it out or change the shape";
-  if (split && arguments.shape != "composite")
-    return "--split-above and --split-below are for --shape composite; leave them out or change the shape";
+  if ((split || !arguments.shoulders_mm.empty()) && arguments.shape != "composite")
+    return "--split-above, --split-below and --shoulders are for --shape composite; leave them out or change the shape";
+  if (!std::is_sorted(arguments.shoulders_mm.begin(), arguments.shoulders_mm.end(), std::less_equal<>()))
+    return "--shoulders takes heights from below, each once; put them in order";
   if (arguments.shape == "composite" || arguments.shape == "auto") return {};
   if (arguments.model == (sphere ? "cylinder" : "sphere"))
     return "--model " + arguments.model + " does not go with --shape " + arguments.shape + "; ask for --model " +
@@ -212,6 +213,19 @@ int write_grid(const FitArguments& arguments, const BodyFit& fitted, const Cloud
   return 0;
 }
 
+// What the log of a scan says besides its samples.
+tl::expected<void, std::string> take_log(const LogHeader& header, RangeFitOptions& options, ResultNotes& notes) {
+  const auto calibration = parse_calibration(header.calibration, "the calibration in it");
+  if (!calibration) return tl::make_unexpected(calibration.error().message);
+  options.systematic_mm = calibration->systematic_mm;
+  notes.name = header.request.name;
+  std::replace(notes.name.begin(), notes.name.end(), ' ', '_');
+  notes.date = header.date;
+  notes.machine = header.machine;
+  notes.simulated = header.simulated || calibration->simulated;
+  return {};
+}
+
 int fit(const FitArguments& arguments) {
   if (const std::string wrong = contradiction(arguments); !wrong.empty()) return fail(2, wrong);
   if (!arguments.grid.empty()) return fit_with_grid(arguments);
@@ -224,6 +238,7 @@ int fit(const FitArguments& arguments) {
 
   StopWatch watch;
   ResultNotes notes;
+  notes.name.clear();  // as the log of a scan names it, or the file
   CloudOptions cloud;
   cloud.axis = arguments.axis == "x" ? Axis::x : arguments.axis == "y" ? Axis::y : Axis::z;
   const auto unit = millimetres_per_unit(arguments.unit);
@@ -231,6 +246,12 @@ int fit(const FitArguments& arguments) {
   cloud.millimetres_per_unit = *unit;
   auto input = FitInput::open(arguments.input, cloud);
   if (!input) return fail(2, input.error());
+  if (const LogFile* log = input->log()) {
+    if (arguments.names("--unit"))
+      return fail(2, "'" + arguments.input + "' is the log of a scan, in millimetres; leave --unit out");
+    if (const auto taken = take_log(log->header(), options, notes); !taken)
+      return fail(2, "'" + arguments.input + "': " + taken.error());
+  }
   const bool native = input->columns() != CloudColumns::cartesian;
   if (arguments.axis == "auto" && (arguments.axis_named || !native)) {
     const auto own = input->own_frame();
@@ -296,8 +317,9 @@ int fit(const FitArguments& arguments) {
     return std::nullopt;
   };
   if (!arguments.raised.empty()) {
-    if (auto added = input->add_raised(arguments.raised, *arguments.lift_mm); !added) return fail(2, added.error());
-    notes.raised = RaisedPose{*arguments.lift_mm, *arguments.lift_mm, 0};
+    if (auto added = input->add_raised(arguments.raised, arguments.lift_mm.value_or(0)); !added)
+      return fail(2, added.error());
+    notes.raised = RaisedPose{arguments.lift_mm.value_or(0), arguments.lift_mm.value_or(0), 0};
   }
   auto fitted = fit_as_it_lies();
   if (!arguments.raised.empty() && !arguments.lift_exact)
@@ -336,8 +358,11 @@ int fit(const FitArguments& arguments) {
   if (!fitted) return problem(fitted.error());
   if (!arguments.write_grid.empty()) return write_grid(arguments, *fitted, cloud);
 
-  notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
-  notes.date = arguments.date;
+  if (!arguments.name.empty() || notes.name.empty())
+    notes.name = arguments.name.empty() ? std::filesystem::path(arguments.input).stem().string() : arguments.name;
+  if (!arguments.date.empty()) notes.date = arguments.date;
+  if (const LogFile* log = input->log())
+    if (const std::string ending = log->ending(); !ending.empty()) notes.warnings.push_back(ending);
   if (input->skipped() > 0) {
     notes.warnings.push_back(std::to_string(input->skipped()) +
                              " points of the file have NaN or infinite coordinates and were skipped");
@@ -354,12 +379,12 @@ int fit(const FitArguments& arguments) {
 
 void add_fit_command(CLI::App& program, Run& run) {
   auto arguments = std::make_shared<FitArguments>();
-  auto* command =
-      program.add_subcommand("fit",
-                             "Fit an exact NURBS surface to a point cloud (PLY, PCD, XYZ, CSV) or to native samples\n"
-                             "(CSV with the header r,theta,z or rho,phi,theta: mm and radians). The axis is the body's "
-                             "own;\n"
-                             "where it shows none, and if --axis names one, an axis of the file through its origin.");
+  auto* command = program.add_subcommand(
+      "fit",
+      "Fit an exact NURBS surface to a point cloud (PLY, PCD, XYZ, CSV), to native samples\n"
+      "(CSV with the header r,theta,z or rho,phi,theta: mm and radians) or to the log of a scan\n"
+      "(profiles.log of the daemon's store). The axis is the body's own;\n"
+      "where it shows none, and if --axis names one, an axis of the file through its origin.");
   command->option_defaults()->always_capture_default();
   command->add_option("INPUT", arguments->input, "file to read")->required();
   command->add_option(
@@ -367,7 +392,9 @@ void add_fit_command(CLI::App& program, Run& run) {
       "file of the same object upside down, for its other end: how it lies is found from what both show");
   command->add_option("--raised", arguments->raised,
                       "file of the same object at another height of the lift; what both show refines --lift");
-  command->add_option("--lift", arguments->lift_mm, "how far the lift had raised the object for --raised [mm]")
+  command
+      ->add_option("--lift", arguments->lift_mm,
+                   "how far the lift had raised the object for --raised [mm]; in logs beyond what they say themselves")
       ->check(finite());
   command->add_flag("--lift-exact", arguments->lift_exact, "take --lift as it is");
   command
@@ -379,14 +406,20 @@ void add_fit_command(CLI::App& program, Run& run) {
   command
       ->add_option(
           "--shape", arguments->shape,
-          "base geometry; composite: a body over a cylinder with heads over spheres; auto: what the samples ask "
-          "for")
+          "base geometry; composite: a body over a cylinder, or several with plane shoulders between them, with heads "
+          "over\nspheres; auto: what the samples ask for")
       ->check(CLI::IsMember({"cylinder", "sphere", "composite", "auto"}));
   command->add_option(
       "--split-above", arguments->split_above_mm,
       "height at which a composite's body ends and its upper head begins [mm]; default: where the samples "
       "ask for it");
   command->add_option("--split-below", arguments->split_below_mm, "the same of a lower head [mm]");
+  command
+      ->add_option("--shoulders", arguments->shoulders_mm,
+                   "heights of the plane shoulders between a composite's walls, from below [mm]; default: where the "
+                   "samples show them")
+      ->expected(1, 15)
+      ->check(finite());
   command->add_option(
       "--centre-z", arguments->centre_z_mm,
       "height of the sphere's centre on the axis [mm]; default: where the samples lie best about it, 0 of\n"

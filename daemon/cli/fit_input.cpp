@@ -27,6 +27,15 @@ Eigen::Isometry3d with_axis_up(Axis axis) {
   return X;
 }
 
+// In one part.
+tl::expected<std::unique_ptr<CloudFile>, std::string> open_one(const std::filesystem::path& file,
+                                                               const CloudOptions& options) {
+  if (is_profile_log(file)) return LogFile::open(file, options);
+  auto cloud = open_cloud(file, options);
+  if (!cloud) return tl::make_unexpected(cloud.error().message);
+  return std::move(*cloud);
+}
+
 }  // namespace
 
 bool on_z(const LocalFrame& own) {
@@ -59,12 +68,22 @@ tl::expected<FitInput, std::string> FitInput::open(const std::filesystem::path& 
   return input;
 }
 
+const LogFile* FitInput::log() const {
+  return dynamic_cast<const LogFile*>(files_.front().get());
+}
+
 tl::expected<void, std::string> FitInput::reopen() {
   const Eigen::Isometry3d X_LS = X_SL_.value_or(Eigen::Isometry3d::Identity()).inverse();
   CloudOptions options = options_;
   if (X_SL_) options.X_SF = X_LS * with_axis_up(options_.axis);
   std::vector<std::unique_ptr<CloudFile>> files;
   const auto add = [&](const std::filesystem::path& file) -> tl::expected<void, std::string> {
+    if (is_profile_log(file)) {
+      auto log = LogFile::open(file, options);
+      if (!log) return tl::make_unexpected(log.error());
+      files.push_back(std::move(*log));
+      return {};
+    }
     auto opened = open_cloud_parts(file, options);
     if (!opened) return tl::make_unexpected(opened.error().message);
     std::move(opened->begin(), opened->end(), std::back_inserter(files));
@@ -97,8 +116,8 @@ tl::expected<PoseAlignment, std::string> FitInput::add_turned_over(const std::fi
                                                                    const std::optional<LocalFrame>& about_own_axis) {
   const auto named = [&](const std::string& why) { return tl::make_unexpected("'" + file.string() + "': " + why); };
   CloudOptions options = options_;
-  auto second = open_cloud(file, options);
-  if (!second) return tl::make_unexpected(second.error().message);
+  auto second = open_one(file, options);
+  if (!second) return tl::make_unexpected(second.error());
   Eigen::Isometry3d X_S2 = Eigen::Isometry3d::Identity();
   if (about_own_axis) {
     const auto own = frame_of(**second);
@@ -106,8 +125,8 @@ tl::expected<PoseAlignment, std::string> FitInput::add_turned_over(const std::fi
     if (!own) return named(own.error());
     X_S2 = about_own_axis->X_SL * own->X_SL.inverse();
     options.X_SF = X_S2 * with_axis_up(options_.axis);
-    second = open_cloud(file, options);
-    if (!second) return tl::make_unexpected(second.error().message);
+    second = open_one(file, options);
+    if (!second) return tl::make_unexpected(second.error());
   }
   auto pose = align_turned_over(wall, **second);
   if (!(*second)->error().empty()) return tl::make_unexpected((*second)->error());

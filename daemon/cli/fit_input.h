@@ -10,6 +10,7 @@
 
 #include <tl/expected.hpp>
 
+#include "daemon/cli/log_file.h"
 #include "daemon/files/cloud_files.h"
 #include "fitting/joint_pose.h"
 #include "fitting/local_frame.h"
@@ -33,6 +34,8 @@ class FitInput {
   ProfileStream& samples() { return *joined_; }
   /// The same in parts that can be read side by side.
   ProfileParts parts() const { return *parts_; }
+  /// The first file, if it is the log of a scan.
+  const LogFile* log() const;
   CloudColumns columns() const { return files_.front()->columns(); }
   /// The samples' own frame, from an even sample.
   tl::expected<LocalFrame, std::string> own_frame();

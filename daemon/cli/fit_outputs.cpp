@@ -8,14 +8,6 @@
 
 namespace celadon::cli {
 
-void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL) {
-  const RangeFunction& f = fitted.function;
-  BaseSurface base = f.base();
-  base.X_WB = X_WL * base.X_WB;
-  fitted.function = RangeFunction(base, f.degree_u(), f.degree_v(), f.knots_u(), f.knots_v(), f.coefficients());
-  fitted.surface = symbolic_product(fitted.function);
-}
-
 std::string missing_folder(const std::string& output) {
   const auto folder = std::filesystem::absolute(output).parent_path();
   if (std::filesystem::is_directory(folder)) return {};

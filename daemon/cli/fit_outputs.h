@@ -1,7 +1,6 @@
 #pragma once
-// What the commands that end in a surface share: where it lies, and its files.
+// What the commands that end in a surface share: its files.
 
-#include <Eigen/Geometry>
 #include <chrono>
 #include <filesystem>
 #include <span>
@@ -29,9 +28,6 @@ class StopWatch {
  private:
   std::chrono::steady_clock::time_point began_ = std::chrono::steady_clock::now();
 };
-
-/// The surface of a fit in a local frame as one in the frame outside.
-void place(RangeFit& fitted, const Eigen::Isometry3d& X_WL);
 
 using OutputFiles = std::vector<std::pair<ResultFormat, std::filesystem::path>>;
 

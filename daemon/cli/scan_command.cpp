@@ -23,7 +23,7 @@ constexpr const char* kServer = "http://127.0.0.1:7450";
 constexpr const char* kServerHelp = "daemon to talk to: http://ADDRESS:PORT or unix:PATH";
 
 struct ScanArguments {
-  std::string server = kServer, scene, name, mode = "sweep", model = "auto";
+  std::string server = kServer, scene, name, mode = "sweep", shape = "cylinder", model = "auto";
   FollowOptions follow;
   std::uint64_t seed = 1;
   int profiles = 1200;
@@ -33,9 +33,9 @@ struct ScanArguments {
 };
 
 json request_of(const ScanArguments& a) {
-  json request{{"mode", a.mode},          {"profiles", a.profiles},
-               {"model", a.model},        {"tolerance_mm", a.tolerance_mm},
-               {"degree_u", a.degree[0]}, {"degree_v", a.degree[1]}};
+  json request{{"mode", a.mode},         {"profiles", a.profiles},         {"shape", a.shape},
+               {"model", a.model},       {"tolerance_mm", a.tolerance_mm}, {"degree_u", a.degree[0]},
+               {"degree_v", a.degree[1]}};
   if (a.exposure_ms > 0) request["exposure_ms"] = a.exposure_ms;
   if (!a.name.empty()) request["name"] = a.name;
   if (a.name.empty() && !a.scene.empty()) request["name"] = a.scene;
@@ -120,7 +120,13 @@ void add_scan_command(CLI::App& program, Run& run) {
       program.add_subcommand("scan", "Scan an object and fetch its CAD files; with --simulate on a virtual scanner.");
   command->option_defaults()->always_capture_default();
   command->add_option("--simulate", a->scene, "start a virtual scanner with this scene and a daemon for it")
-      ->check(CLI::IsMember({"vase", "vase-squeezed", "humidifier", "cylinder", "cylinder-off"}));
+      ->check(CLI::IsMember({"vase", "vase-squeezed", "humidifier", "cylinder", "cylinder-off", "knob", "sphere",
+                             "stepped-shaft", "lobed-shaft", "taper"}) |
+              CLI::Validator(
+                  [](const std::string& scene) {
+                    return scene.rfind("mesh:", 0) == 0 ? std::string() : "or mesh:FILE of an STL or PLY file";
+                  },
+                  "or mesh:FILE"));
   command->add_option("--seed", a->seed, "of every random number of the virtual scanner");
   command->add_option("--server", a->server, kServerHelp);
   command->add_option("-o,--output", a->follow.folder,
@@ -131,6 +137,12 @@ void add_scan_command(CLI::App& program, Run& run) {
   command->add_option("--profiles", a->profiles, "a turn, 16 to 100000")->check(CLI::Range(16, 100000));
   command->add_option("--exposure", a->exposure_ms, "exposure time [ms]; 0: as the camera stands")
       ->check(not_negative());
+  command
+      ->add_option(
+          "--shape", a->shape,
+          "base geometry: cylinder, sphere, composite (walls with shoulders, heads), or auto: what the samples "
+          "ask for")
+      ->check(CLI::IsMember({"cylinder", "sphere", "composite", "auto"}));
   command->add_option("--model", a->model, "how general the surface is")
       ->check(CLI::IsMember({"auto", "cylinder", "revolution", "translational", "general"}));
   command

@@ -52,6 +52,14 @@ std::string joint_line(const json& joint) {
       length(joint["before"]["gap_mm"]).c_str(), joint["before"]["angle_rad"].get<double>() * kDegrees);
 }
 
+std::string shoulder_line(const json& shoulder) {
+  const bool given = shoulder["sd_mm"].get<double>() == 0;
+  return line("  shoulder    z %.4f mm (%s), the range steps by %.3f mm; within %s of it samples lie on neither wall",
+              shoulder["height_mm"].get<double>(),
+              given ? "as given" : ("standard deviation " + length(shoulder["sd_mm"])).c_str(),
+              shoulder["jump_mm"].get<double>(), length(shoulder["edge_mm"]).c_str());
+}
+
 }  // namespace
 
 std::string summary_of(const json& report) {
@@ -119,6 +127,7 @@ std::string summary_of(const json& report) {
   if (!composite) text += line("  chosen      %s", report["decided_by"].get<std::string>().c_str());
   if (composite)
     for (const auto& joint : report["joints"]) text += joint_line(joint);
+  for (const auto& shoulder : report.value("shoulders", json::array())) text += shoulder_line(shoulder);
   text += line("  samples     %llu, of which %llu rejected and %.2f %% that no single-valued surface can follow",
                static_cast<unsigned long long>(report["points"]), static_cast<unsigned long long>(report["rejected"]),
                100.0 * report["unfollowable"].get<double>() / std::max(1.0, report["points"].get<double>()));

@@ -3,15 +3,12 @@
 #include <BRepCheck_Analyzer.hxx>
 #include <BRep_Builder.hxx>
 #include <BRep_Tool.hxx>
-#include <Geom2d_BSplineCurve.hxx>
 #include <Geom2d_Line.hxx>
 #include <Geom_BSplineCurve.hxx>
 #include <Geom_BSplineSurface.hxx>
-#include <Geom_Plane.hxx>
 #include <TColStd_Array1OfInteger.hxx>
 #include <TColStd_Array1OfReal.hxx>
 #include <TColStd_Array2OfReal.hxx>
-#include <TColgp_Array1OfPnt2d.hxx>
 #include <TColgp_Array2OfPnt.hxx>
 #include <TopExp.hxx>
 #include <TopoDS.hxx>
@@ -22,9 +19,11 @@
 #include <TopoDS_Wire.hxx>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 #include <sstream>
 
+#include "daemon/export/plane_faces.h"
 #include "daemon/export/wall_surface.h"
 #include "daemon/export/wall_volume.h"
 
@@ -57,6 +56,11 @@ class WallBuilder {
   bool outward() const { return outward_; }
   bool pole(bool top) const { return is_last(top) ? pole1_ : pole0_; }
   const WallEnd& top() const { return is_last(true) ? last_ : first_; }
+  /// An end that is no pole. @pre bound()
+  Rim rim(bool top) const {
+    const bool last = is_last(top);
+    return {last ? last_.edge : first_.edge, Handle(Geom_BSplineCurve)::DownCast(surface_->UIso(last ? u1_ : u0_))};
+  }
 
   /// The face within its ends; the lower one may be the upper one of another wall.
   void bound(const WallEnd* below) {
@@ -69,7 +73,7 @@ class WallBuilder {
         continue;
       }
       end.vertex = vertex(u);
-      end.edge = (last ? pole1_ : pole0_) ? degenerate(wall_, u, end.vertex) : rim(u, end.vertex);
+      end.edge = (last ? pole1_ : pole0_) ? degenerate(wall_, u, end.vertex) : rim_edge(u, end.vertex);
     }
     // Counter-clockwise in the parameter plane: along v0, up u1, back along v1, down u0.
     const TopoDS_Edge seam = seam_between(first_.vertex, last_.vertex);
@@ -118,7 +122,7 @@ class WallBuilder {
     return edge;
   }
 
-  TopoDS_Edge rim(double u, const TopoDS_Vertex& corner) {
+  TopoDS_Edge rim_edge(double u, const TopoDS_Vertex& corner) {
     TopoDS_Edge edge;
     builder_.MakeEdge(edge, surface_->UIso(u), tolerance_mm);
     builder_.Add(edge, corner.Oriented(TopAbs_FORWARD));
@@ -144,7 +148,7 @@ class WallBuilder {
 
   tl::expected<TopoDS_Face, std::string> cap(const TopoDS_Edge& edge, bool last) {
     double off_plane = 0;
-    auto plane = disc(edge, last, off_plane);
+    auto plane = disc(last, off_plane);
     if (!plane || off_plane <= tolerance_mm) {
       return plane;
     }
@@ -153,55 +157,21 @@ class WallBuilder {
 
   /// The plane disc on a rim, of use if no control point lies off the plane. Its edge has the rim's control points,
   /// projected, as exact pcurve.
-  tl::expected<TopoDS_Face, std::string> disc(const TopoDS_Edge& edge, bool last, double& off_plane) {
+  tl::expected<TopoDS_Face, std::string> disc(bool last, double& off_plane) {
     const bool top = last != outward_;
-    const auto curve = Handle(Geom_BSplineCurve)::DownCast(surface_->UIso(last ? u1_ : u0_));
-    const int count = curve->NbPoles();
+    const Rim of_wall = rim(top);
     const Eigen::Vector3d& apex = last ? apex1_ : apex0_;
-    const gp_XYZ centre(apex.x(), apex.y(), apex.z());
-    // Newell's normal of the control polygon; +v runs counter-clockwise seen from the top.
-    gp_XYZ normal(0, 0, 0);
-    for (int i = 1; i < count; ++i) {
-      normal += (curve->Pole(i).XYZ() - centre).Crossed(curve->Pole(i + 1).XYZ() - centre);
-    }
-    if (normal.Modulus() < tolerance_mm * tolerance_mm) {
+    const gp_XYZ centre(apex.x(), apex.y(), apex.z()), area = polygon_area(*of_wall.curve, centre);
+    if (area.Modulus() < tolerance_mm * tolerance_mm) {
       return tl::make_unexpected(std::string("the ") + name_of(last) + " rim encloses no area");
     }
     const gp_XYZ upward = surface_->Pole(surface_->NbUPoles(), 1).XYZ() - surface_->Pole(1, 1).XYZ();
-    if (!outward_ && normal.Dot(upward) <= 0) {
+    if (!outward_ && area.Dot(upward) <= 0) {
       return tl::make_unexpected(std::string("the ") + name_of(last) + " rim is inside out: it runs against its wall");
     }
-    const gp_Dir outward = top ? gp_Dir(normal) : gp_Dir(normal.Reversed());
-    // Any direction in the plane will do; the axis furthest from the normal keeps a level disc's numbers simple.
-    const gp_Dir x_hint = std::abs(outward.X()) < 0.9 ? gp_Dir(1, 0, 0) : gp_Dir(0, 1, 0);
-    const gp_Ax3 frame(gp_Pnt(centre), outward, x_hint);
-
-    TColgp_Array1OfPnt2d poles(1, count);
-    TColStd_Array1OfReal weights(1, count);
-    for (int i = 1; i <= count; ++i) {
-      const gp_Vec from_centre(frame.Location(), curve->Pole(i));
-      poles(i) = gp_Pnt2d(from_centre.Dot(gp_Vec(frame.XDirection())), from_centre.Dot(gp_Vec(frame.YDirection())));
-      weights(i) = curve->Weight(i);
-      off_plane = std::max(off_plane, std::abs(from_centre.Dot(gp_Vec(frame.Direction()))));
-    }
-    if (off_plane > tolerance_mm) {
-      return TopoDS_Face();
-    }
-    TColStd_Array1OfReal knots(1, curve->NbKnots());
-    TColStd_Array1OfInteger multiplicities(1, curve->NbKnots());
-    curve->Knots(knots);
-    curve->Multiplicities(multiplicities);
-
-    TopoDS_Face face;
-    builder_.MakeFace(face, new Geom_Plane(frame), tolerance_mm);
-    builder_.UpdateEdge(edge, new Geom2d_BSplineCurve(poles, weights, knots, multiplicities, curve->Degree()), face,
-                        tolerance_mm);
-    TopoDS_Wire boundary;
-    builder_.MakeWire(boundary);
-    builder_.Add(boundary, top ? edge : TopoDS::Edge(edge.Reversed()));
-    boundary.Closed(true);
-    builder_.Add(face, boundary);
-    return face;
+    const gp_Ax3 plane = plane_at(centre, top ? gp_Dir(area) : gp_Dir(area.Reversed()));
+    projected(*of_wall.curve, plane, off_plane);
+    return off_plane > tolerance_mm ? TopoDS_Face() : plane_disc(plane, of_wall, top);
   }
 
   /// The ruled face from the rim's middle to the rim: every ray from the axis meets both once.
@@ -277,22 +247,21 @@ std::optional<std::string> closing_problem(const NurbsSurface& wall) {
   return std::nullopt;
 }
 
-/// Walls share a rim where the control points of both are the same.
-std::optional<std::string> gap_between(const NurbsSurface& below, bool below_outward, const NurbsSurface& above,
-                                       bool above_outward) {
+/// How far the rims of two walls are apart, control point by control point; infinite if their knots or weights differ.
+double gap_between(const NurbsSurface& below, bool below_outward, const NurbsSurface& above, bool above_outward) {
   const int row_below = below_outward ? 0 : below.count_u() - 1, row_above = above_outward ? above.count_u() - 1 : 0;
   if (below.degree_v != above.degree_v || below.knots_v != above.knots_v) {
-    return std::string("two walls have other knots around and share no rim");
+    return std::numeric_limits<double>::infinity();
   }
   double gap = 0;
   for (int j = 0; j < below.count_v(); ++j) {
     const Eigen::Vector4d a = below.control_point(row_below, j), b = above.control_point(row_above, j);
-    gap = std::max({gap, (a.head<3>() / a.w() - b.head<3>() / b.w()).norm(), std::abs(a.w() / b.w() - 1)});
+    gap = std::max(gap, (a.head<3>() / a.w() - b.head<3>() / b.w()).norm());
+    if (std::abs(a.w() / b.w() - 1) > tolerance_mm) {
+      return std::numeric_limits<double>::infinity();
+    }
   }
-  if (gap > tolerance_mm) {
-    return "two walls do not meet: their rims are " + number(gap) + " mm apart";
-  }
-  return std::nullopt;
+  return gap;
 }
 
 }  // namespace
@@ -317,21 +286,33 @@ tl::expected<WallBody, std::string> solid_of_walls(std::span<const NurbsSurface>
     }
     body.volume_mm3 += std::abs(volume);
     builders.emplace_back(wall, volume < 0);
-    if (builders.size() > 1) {
-      const std::size_t k = builders.size() - 1;
-      if (auto problem = gap_between(walls[k - 1], builders[k - 1].outward(), wall, builders[k].outward())) {
-        return tl::make_unexpected(std::move(*problem));
-      }
-    }
   }
   const BRep_Builder builder;
   TopoDS_Shell shell;
   builder.MakeShell(shell);
   for (std::size_t k = 0; k < builders.size(); ++k) {
-    builders[k].bound(k > 0 ? &builders[k - 1].top() : nullptr);
+    // A wall and a head share their rim; two walls have a ring between theirs.
+    const double gap =
+        k == 0 ? 0 : gap_between(walls[k - 1], builders[k - 1].outward(), walls[k], builders[k].outward());
+    const bool shared = k > 0 && gap <= tolerance_mm;
+    builders[k].bound(shared ? &builders[k - 1].top() : nullptr);
     const char* const name = walls.size() == 1 ? "wall" : builders[k].outward() ? "head" : "body";
     body.walls.push_back({builders[k].face(), name});
     builder.Add(shell, body.walls.back().face);
+    if (k == 0 || shared) {
+      continue;
+    }
+    if (builders[k - 1].outward() || builders[k].outward()) {
+      return tl::make_unexpected(std::isfinite(gap)
+                                     ? "two walls do not meet: their rims are " + number(gap) + " mm apart"
+                                     : std::string("two walls have other knots around and share no rim"));
+    }
+    auto ring = plane_ring(builders[k - 1].rim(true), builders[k].rim(false));
+    if (!ring) {
+      return tl::make_unexpected(ring.error());
+    }
+    builder.Add(shell, *ring);
+    body.walls.push_back({*ring, "shoulder"});
   }
   for (const bool top : {false, true}) {
     WallBuilder& wall = top ? builders.back() : builders.front();

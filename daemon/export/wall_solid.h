@@ -20,17 +20,18 @@ struct NamedFace {
 
 /// The faces are oriented as they lie in the solid.
 struct WallBody {
-  TopoDS_Shape shape;            ///< a solid, or the shell of a wall that is open around
-  bool closed = true;            ///< it is a solid
-  std::vector<NamedFace> walls;  ///< "wall"; of several "body" (over a cylinder) and "head" (over a sphere)
-  std::vector<NamedFace> caps;   ///< not measured: "bottom", "top"
+  TopoDS_Shape shape;  ///< a solid, or the shell of a wall that is open around
+  bool closed = true;  ///< it is a solid
+  std::vector<NamedFace>
+      walls;  ///< "wall"; of several "body" (over a cylinder), "head" (over a sphere), "shoulder" (plane)
+  std::vector<NamedFace> caps;  ///< not measured: "bottom", "top"
   double volume_mm3 = 0;
 };
 
 /// The exact surfaces as given (no re-approximation), a seam with two pcurves at v's start, rims that are the exact
 /// isoparametric curves u = start and u = end, shared by walls that meet there and by the caps; an end whose control
-/// points coincide is a pole with a degenerate edge and no cap. Caps are plane discs, and fans where the rim is not
-/// plane. README.md, "The solid".
+/// points coincide is a pole with a degenerate edge and no cap. Two walls over a cylinder that do not meet have a plane
+/// ring between their rims. Caps are plane discs, and fans where the rim is not plane. README.md, "The solid".
 /// @param walls from bottom to top; S_u x S_v points inward on those over a cylinder, outward on those over a sphere
 /// Errors: a wall that is not closed in v, not finite, without positive weights, walls that do not meet, or what
 /// OpenCASCADE finds invalid; the sentence says what and where.

@@ -11,7 +11,8 @@ namespace celadon {
 namespace {
 
 constexpr int kLeft = 74, kTop = 62, kWidth = 720, kHeight = 300, kGap = 34, kScale = 24, kRight = 150;
-constexpr int kSteps = 20;  // of colour on each side of zero
+constexpr double kTickRoom = 16;  // px
+constexpr int kSteps = 20;        // of colour on each side of zero
 constexpr double kShown = 0.98;
 constexpr const char* kNoSamples = "#d9d9d9";
 
@@ -134,7 +135,8 @@ std::string axes(const PieceErrors& piece, double top, double height) {
   const auto& meridian = BaseSurface::meridian();
   const double low = base.spherical() ? meridian.theta_of_v(base.band_start) * kDegrees : base.band_start,
                high = base.spherical() ? meridian.theta_of_v(base.band_end) * kDegrees : base.band_end;
-  for (const double t : ticks(low, high, round_up((high - low) / 9))) {
+  const double most = std::clamp(std::floor(height / kTickRoom), 2.0, 9.0);  // labels do not run into each other
+  for (const double t : ticks(low, high, round_up((high - low) / most))) {
     const double along = base.spherical() ? meridian.v_of_theta(std::min(t / kDegrees, std::numbers::pi)) : t;
     const double share = (along - base.band_start) / (base.band_end - base.band_start);
     const double y = base.spherical() ? top + share * height : top + (1 - share) * height;

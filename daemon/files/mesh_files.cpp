@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <iterator>
 #include <numbers>
 #include <stdexcept>
 
@@ -39,6 +40,22 @@ std::vector<double> cut(const std::vector<double>& lines, int parts) {
     for (int k = 0; k < parts; ++k) columns.push_back(lines[j] + (lines[j + 1] - lines[j]) * k / parts);
   }
   return columns;
+}
+
+// The lines of two sets over one range; those that differ by rounding are one.
+std::vector<double> together(const std::vector<double>& a, const std::vector<double>& b) {
+  constexpr double kSame = 1e-9;  // radians, some nanometres
+  std::vector<double> both;
+  std::merge(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));
+  both.erase(std::unique(both.begin(), both.end(), [](double x, double y) { return y - x < kSame; }), both.end());
+  // Both ends are those of the range, whichever of two neighbours was kept.
+  if (!b.empty()) both.back() = b.back();
+  return both;
+}
+
+// A wall's grid on more columns.
+WallGrid on_columns(const RangeFunction& wall, WallGrid grid, const std::vector<double>& theta) {
+  return grid.theta_rad == theta ? std::move(grid) : wall_grid(wall, theta, std::move(grid.along));
 }
 
 std::vector<double> even_columns(int count) {
@@ -90,35 +107,45 @@ TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_
   const bool open = pieces.size() == 1 && !pieces.front()->base().arcs.closed();
   if (open && pieces.front()->base().spherical())
     throw std::invalid_argument("mesh_of: meshes of a part of the turn are made of walls over a cylinder only");
-  const auto wall = std::find_if(pieces.begin(), pieces.end(), [](const auto* p) { return !p->base().spherical(); });
   if (!(chord_mm > 0) || pieces.empty() ||
       !(open || std::all_of(pieces.begin(), pieces.end(), [](const auto* p) { return p->base().arcs.closed(); }))) {
     throw std::invalid_argument("mesh_of: the chord tolerance must be positive and a body of pieces closed around");
   }
   MeshRows body;
-  if (wall == pieces.end()) {
+  const auto spherical = [](const RangeFunction* piece) { return piece->base().spherical(); };
+  if (std::all_of(pieces.begin(), pieces.end(), spherical)) {
     const SphereGrid grid = sphere_grid(*pieces.front(), even_columns, kFewestColumns, chord_mm);
     body.rows = grid.rows;
   } else {
-    // Pieces share the columns of the wall, cut as finely as the heads need.
-    WallGrid grid = wall_grid(**wall, chord_mm);
-    const auto columns = [&](int parts) { return cut(grid.theta_rad, parts); };
+    // Pieces share the columns of all walls, cut as finely as the heads need.
+    std::vector<WallGrid> grids;
+    std::vector<double> theta;
+    for (const RangeFunction* piece : pieces) {
+      if (piece->base().spherical()) continue;
+      grids.push_back(wall_grid(*piece, chord_mm));
+      theta = together(theta, grids.back().theta_rad);
+    }
+    const auto columns = [&](int parts) { return cut(theta, parts); };
     int parts = 1;
     for (const RangeFunction* piece : pieces) {
       if (piece->base().spherical()) parts = sphere_grid(*piece, columns, parts, chord_mm).fineness;
     }
+    const double end = theta.back();
     if (parts > 1) {
-      auto theta = columns(parts);
-      theta.push_back(grid.theta_rad.back());
-      grid = wall_grid(**wall, std::move(theta), std::move(grid.along));
+      theta = columns(parts);
+      theta.push_back(end);
     }
-    const auto same_columns = [&](int) { return cut(grid.theta_rad, 1); };
+    const auto same_columns = [&](int) { return cut(theta, 1); };
+    std::size_t walls = 0;
     for (const RangeFunction* piece : pieces) {
-      Rows rows =
-          piece->base().spherical() ? sphere_grid(*piece, same_columns, 1, chord_mm).rows : rows_of(*piece, grid);
-      // The rim is the row of the piece below, too.
-      const auto first = body.rows.empty() ? rows.begin() : rows.begin() + 1;
-      body.rows.insert(body.rows.end(), std::make_move_iterator(first), std::make_move_iterator(rows.end()));
+      const bool head = piece->base().spherical();
+      Rows rows = head ? sphere_grid(*piece, same_columns, 1, chord_mm).rows
+                       : rows_of(*piece, on_columns(*piece, std::move(grids[walls]), theta));
+      // The rim of a head is the row of the wall, too; between two walls lies a ring.
+      const bool shared = !body.rows.empty() && (head || walls == 0);
+      body.rows.insert(body.rows.end(), std::make_move_iterator(rows.begin() + (shared ? 1 : 0)),
+                       std::make_move_iterator(rows.end()));
+      if (!head) ++walls;
     }
   }
   body.closed = !open;

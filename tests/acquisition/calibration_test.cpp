@@ -116,6 +116,20 @@ RC_GTEST_PROP(Calibration, formatting_and_parsing_changes_no_bit, ()) {
   RC_ASSERT(parsed->simulated == c.simulated);
 }
 
+// Written by escapes, so that the parser never meets them.
+TEST(Calibration, characters_beyond_ascii_are_written_as_escapes_and_refused_as_bytes) {
+  Calibration c = test_calibration();
+  c.camera = "caf\u00e9 \u4e2d \U0001F4F7 \xff";
+  const std::string text = format_calibration(c);
+  EXPECT_TRUE(std::all_of(text.begin(), text.end(), [](char byte) { return static_cast<unsigned char>(byte) < 0x80; }));
+  EXPECT_THAT(text, HasSubstr("caf\\u00E9 \\u4E2D \\U0001F4F7 \\uFFFD"));
+  const auto parsed = parse_calibration(text, "f");
+  ASSERT_TRUE(parsed) << parsed.error().message;
+  EXPECT_EQ(parsed->camera, "caf\u00e9 \u4e2d \U0001F4F7 \uFFFD");
+  EXPECT_THAT(refusal(with("camera = \"", "camera = \"\xC3\xA9")),
+              AllOf(HasSubstr("line 5, column"), HasSubstr("0xC3")));
+}
+
 TEST(Calibration, whole_numbers_and_comments_of_people_are_read) {
   const auto parsed =
       parse_calibration(with("cx_px = { value = 650.5, u = 0.8 }", "cx_px = { value = 650, u = 1 } # so"), "f");

@@ -21,6 +21,7 @@
 
 #include "fitting/knot_selection.h"
 #include "fitting/moment_kernels.h"
+#include "fitting/regular_grid.h"
 #include "fitting/signed_distance.h"
 #include "fitting/solid_properties.h"
 #include "fitting/surface_comparison.h"
@@ -378,17 +379,14 @@ void regular_grid() {
   for (int i = 0; i < 1000; ++i)
     for (int j = 0; j < 1000; ++j)
       r(i, j) = test::freeform(2 * test::kPi * i / 1000, z[static_cast<std::size_t>(j)]) + noise(random);
+  const FitSpace space = space_of(MomentGrid(grid_of(32, kAround)));
   std::vector<double> ours, theirs;
   RangeFunction f;
   double peer_ms = 0, peer_miss = 0;
   bool there = std::system((source + "fetch_scipy " + folder + " >/dev/null 2>&1").c_str()) == 0;
   for (int run = 0; run < 5; ++run) {
     for (int k = 0; k < 5; ++k)
-      ours.push_back(milliseconds([&] {
-        MomentGrid sums(grid_of(32, kAround));
-        sums.add_regular(r, 0, z);
-        f = solved(sums);
-      }));
+      ours.push_back(milliseconds([&] { f = fit_regular_grid(space, BaseArcs::full_circle(), r, 0, z).value(); }));
     there = there && peer(peer_ms, peer_miss);
     theirs.push_back(peer_ms);
   }

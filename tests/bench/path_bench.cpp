@@ -12,7 +12,7 @@
 
 #include "daemon/scan_job.h"
 #include "sim/device_model.h"
-#include "sim/optics.h"
+#include "sim/renderer.h"
 #include "tests/daemon/fake_machine.h"
 #include "tests/temporary_folder.h"
 

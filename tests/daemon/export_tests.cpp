@@ -17,6 +17,7 @@
 #include "daemon/export/cad_protocol.h"
 #include "fitting/range_function.h"
 #include "tests/daemon/closed_wall.h"
+#include "tests/daemon/export_fixture.h"
 #include "tests/daemon/step_reader.h"
 #include "tests/temporary_folder.h"
 
@@ -24,44 +25,14 @@ namespace celadon {
 namespace {
 
 using testing::ClosedWall;
+using testing::Export;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using testing::StepCurve;
 using testing::StepFile;
 using testing::StepSurface;
-
-struct Written {
-  CadResult result;
-  StepFile step;
-  std::string text;
-};
-
-class Export : public ::testing::Test {
- protected:
-  Written write(const NurbsSurface& wall, const CadOptions& options = {}) { return write(single(wall), options); }
-  Written write(std::span<const NurbsSurface> walls, const CadOptions& options = {}) {
-    const auto file = scratch_.path() / "body.step";
-    const auto result = write_step(walls, file, options);
-    if (!result) {
-      throw std::runtime_error(result.error());
-    }
-    Written written{*result, {}, testing::read_file(file)};
-    written.step = StepFile::parse(written.text);
-    return written;
-  }
-  std::string refusal(const NurbsSurface& wall) { return refusal(single(wall)); }
-  std::string refusal(std::span<const NurbsSurface> walls) {
-    const auto file = scratch_.path() / "refused.step";
-    const auto result = write_step(walls, file, {});
-    EXPECT_FALSE(std::filesystem::exists(file));
-    return result ? "written" : result.error();
-  }
-  testing::TemporaryFolder scratch_;
-};
-
-StepSurface wall_of(const StepFile& step) {
-  return StepSurface::of(step, step.only("B_SPLINE_SURFACE_WITH_KNOTS"));
-}
+using testing::wall_of;
+using testing::Written;
 
 /// Largest distance between the surface in the file and the closed form.
 double deviation_mm(const StepSurface& surface, const ClosedWall& truth) {
@@ -394,114 +365,6 @@ TEST_F(Export, BodiesOverASphere) {
   EXPECT_TRUE(fan.result.valid);
   EXPECT_THAT(fan.text, HasSubstr("top (assumed)"));
   EXPECT_THAT(fan.text, HasSubstr("discs at the ends assumed"));
-}
-
-// A quarter of a tube, a lobed third, a part of a ball with its pole: shells of one face that read back bit for bit.
-TEST_F(Export, WallsThatAreOpenAroundAreShells) {
-  std::vector<RangeFunction> parts;
-  BaseSurface base;
-  base.band_end = 40;
-  base.arcs = BaseArcs::open(0.3, std::numbers::pi / 2);
-  parts.emplace_back(base, 0, 0, std::vector<double>{0, 1}, std::vector<double>{0, 1},
-                     Eigen::MatrixXd::Constant(1, 1, 20));
-  base.arcs = BaseArcs::open(5, 2.5);
-  Eigen::MatrixXd f = Eigen::MatrixXd::Constant(4, 5, 25);
-  f.row(1) << 26, 24, 23, 26, 25;
-  f.row(3) << 24, 26, 25, 24, 26;
-  parts.emplace_back(base, 3, 3, std::vector<double>{0, 0, 0, 0, 1, 1, 1, 1},
-                     std::vector<double>{0, 0, 0, 0, 1, 2, 2, 2, 2}, f);
-  base.kind = BaseKind::sphere;
-  base.band_end = 1.2;
-  parts.emplace_back(base, 0, 0, std::vector<double>{0, 1.2}, std::vector<double>{0, 2},
-                     Eigen::MatrixXd::Constant(1, 1, 25));
-  for (const RangeFunction& part : parts) {
-    const NurbsSurface wall = symbolic_product(part);
-    const Written written = write(wall);
-    EXPECT_TRUE(written.result.valid);
-    EXPECT_FALSE(written.result.closed);
-    EXPECT_EQ(written.result.faces, 1);
-    EXPECT_EQ(written.step.all("ADVANCED_FACE").size(), 1u);
-    EXPECT_EQ(written.step.all("OPEN_SHELL").size(), 1u);
-    EXPECT_THAT(written.text, Not(HasSubstr("assumed")));
-    const StepSurface read = wall_of(written.step);
-    // Outward is away from the axis: a cylinder's face is reversed, a sphere's is not.
-    EXPECT_THAT(written.text, HasSubstr(part.base().spherical() ? ",.T.);" : ",.F.);"));
-    for (double u : {0.1, 0.5, 0.9})
-      for (double v : {0.2, 0.7, 0.99}) {
-        const double at_u = u * wall.knots_u.back(), at_v = v * wall.knots_v.back();
-        EXPECT_LT((read.evaluate(at_u, at_v) - wall.evaluate(at_u, at_v)).norm(), 1e-9);
-      }
-  }
-}
-
-// A cylinder cut by z = 40 + x/2, and one with a scalloped rim: no disc closes the second.
-TEST_F(Export, RimsThatAreNotPlane) {
-  BaseSurface over;
-  over.band_end = 1;
-  const std::vector<double> knots = {0, 0, 0, 0.5, 1, 1, 1.5, 2, 2, 2.5, 3, 3, 3.5, 4, 4, 4};
-  for (const bool scalloped : {false, true}) {
-    Eigen::MatrixXd heights = Eigen::MatrixXd::Constant(2, 13, 0);
-    for (int j = 0; j < 13; ++j) heights(1, j) = 40 + (scalloped ? 4 * std::cos(std::numbers::pi * (j % 12)) : 0.0);
-    BaseSurface base;
-    base.band_end = 1;
-    base.heights = std::make_shared<const RangeFunction>(over, 1, 2, std::vector<double>{0, 0, 1, 1}, knots, heights);
-    const NurbsSurface wall =
-        symbolic_product(RangeFunction(base, 0, 0, {0, 1}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 20)));
-    const Written written = write(wall);
-    EXPECT_TRUE(written.result.valid);
-    EXPECT_EQ(written.result.faces, 3);
-    EXPECT_THAT(written.text, HasSubstr("top (assumed)"));
-    double mean = 0;
-    for (int k = 0; k < 3600; ++k) mean += base.z_mm(2 * std::numbers::pi * k / 3600, 1) / 3600;
-    // A fan from the middle of the control points: their mean height weighs a third.
-    const double apex = heights.row(1).head(12).mean(), height = (2 * mean + apex) / 3;
-    EXPECT_NEAR(written.result.volume_mm3 / (400 * std::numbers::pi * height), 1, 2e-3);
-  }
-}
-
-// A dome of radius R whose rim lies at a height.
-NurbsSurface dome(double R, double height_mm, bool above) {
-  BaseSurface base;
-  base.kind = BaseKind::sphere;
-  base.band_start = above ? 0 : 1;
-  base.band_end = above ? 1 : 2;
-  base.X_WB.translation().z() = height_mm;
-  return symbolic_product(
-      RangeFunction(base, 0, 0, {base.band_start, base.band_end}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, R)));
-}
-
-// Walls that share their rims are one shell: every edge is used twice, once in either sense.
-TEST_F(Export, BodiesOfSeveralWalls) {
-  const double R = 25, height = 80, ball = 4.0 / 3 * std::numbers::pi * R * R * R;
-  const NurbsSurface wall = testing::cylinder(R, height).surface();
-  const std::vector<NurbsSurface> bullet = {wall, dome(R, height, true)},
-                                  capsule = {dome(R, 0, false), wall, dome(R, height, true)};
-  const Written one = write(bullet), two = write(capsule);
-  EXPECT_EQ(one.result.faces, 3);
-  EXPECT_EQ(two.result.faces, 3);
-  EXPECT_TRUE(one.result.valid && two.result.valid);
-  EXPECT_NEAR(one.result.volume_mm3 / (std::numbers::pi * R * R * height + ball / 2), 1, 2e-9);
-  EXPECT_NEAR(two.result.volume_mm3 / (std::numbers::pi * R * R * height + ball), 1, 2e-9);
-  EXPECT_THAT(one.text, HasSubstr("'bottom (assumed)'"));
-  EXPECT_THAT(two.text, Not(HasSubstr("assumed")));
-  for (const Written* written : {&one, &two}) {
-    EXPECT_THAT(written->text, HasSubstr("'body'"));
-    EXPECT_THAT(written->text, HasSubstr("'head'"));
-    const StepFile& step = written->step;
-    const auto& shell = step.at(step.only("CLOSED_SHELL")).records.front().arguments.at(1).list();
-    std::map<int, std::multiset<bool>> uses;
-    for (const auto& face : shell)
-      for (const auto& bound_reference : step.at(face.id()).record("ADVANCED_FACE").arguments.at(1).list()) {
-        const auto& bound = step.at(bound_reference.id()).records.front().arguments;
-        for (const auto& used : step.at(bound.at(1).id()).record("EDGE_LOOP").arguments.at(1).list()) {
-          const auto& oriented = step.at(used.id()).record("ORIENTED_EDGE").arguments;
-          uses[oriented.at(3).id()].insert(oriented.at(4).boolean() == bound.at(2).boolean());
-        }
-      }
-    for (const auto& [edge, senses] : uses) EXPECT_EQ(senses, (std::multiset<bool>{false, true})) << "edge #" << edge;
-  }
-  EXPECT_THAT(refusal(std::vector<NurbsSurface>{wall, dome(R + 0.01, height, true)}), HasSubstr("do not meet"));
-  EXPECT_THAT(refusal(std::vector<NurbsSurface>{wall, dome(R, height + 0.01, true)}), HasSubstr("do not meet"));
 }
 
 TEST_F(Export, NamesTheFolderItCannotWriteTo) {

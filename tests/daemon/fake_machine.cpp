@@ -111,10 +111,11 @@ Measured exact(double value) {
 
 }  // namespace
 
-FakeMachine::FakeMachine()
+FakeMachine::FakeMachine(std::uint16_t features)
     : core_(
-          [] {
+          [features] {
             ControllerConfig config = test::test_config();
+            config.axis[0].features = static_cast<std::uint16_t>(config.axis[0].features | features);
             config.safety_hardware |= protocol::kHasRemoteEnable;
             return config;
           }(),

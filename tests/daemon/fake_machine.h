@@ -25,7 +25,8 @@ class FakeMachine {
   static constexpr std::int64_t kHostOffset_ns = 5'000'000'000;  ///< host clock at device time 0
   static constexpr std::size_t kBuffers = 4;  ///< of the driver; when all are full, newer frames are lost
 
-  FakeMachine();
+  /// @param features  bits of the turntable's, beside the usual ones
+  explicit FakeMachine(std::uint16_t features = 0);
 
   // --- the object: range at (theta, z) in its own frame, 0 where there is nothing ---
   std::function<double(double theta_rad, double z_mm)> shape = vase;

@@ -224,6 +224,29 @@ TEST(MeshFiles, PiecesShareTheirRims) {
   EXPECT_GT(triangles.volume(), wall.volume_mm3());
 }
 
+// A lobed wall on a foot that reaches beyond it: knots around of the one are not those of the other.
+TEST(MeshFiles, ShouldersAreRingsBetweenWalls) {
+  const ClosedWall lobed = testing::lobed(3, 6, 3, 50), foot = testing::cylinder(90, 10);
+  Eigen::Isometry3d raised = Eigen::Isometry3d::Identity();
+  raised.translation().z() = 10;
+  const RangeFunction below = range_of(foot), above = range_of(lobed, raised);
+  const std::vector<const RangeFunction*> pieces = {&below, &above};
+  const double chord_mm = 0.05;
+  const Triangles triangles = triangles_of(mesh_of(pieces, chord_mm));
+  EXPECT_TRUE(triangles.watertight());
+  EXPECT_EQ(triangles.euler_characteristic(), 2);
+  const double volume = pi * 8100 * 10 + lobed.volume_mm3();
+  EXPECT_NEAR(triangles.volume() / volume, 1, 1e-3);
+  double worst = 0;
+  for (const RangeFunction* piece : pieces)
+    for (int i = 0; i <= 12; ++i)
+      for (int j = 0; j < 49; ++j) {
+        const double along = piece->base().band_start + (piece->base().band_end - piece->base().band_start) * i / 12;
+        worst = std::max(worst, triangles.distance(piece->surface_point(2 * pi * (j + 0.37) / 49, along).p_W));
+      }
+  EXPECT_LE(worst, chord_mm);
+}
+
 TEST(MeshFiles, FollowThePlacementOfTheBase) {
   Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
   X_WB.rotate(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, -1, 2).normalized()));

@@ -26,7 +26,7 @@ def record(number, kind, payload):
 header = (
     b'{"calibration":"text of\\na calibration","camera":"camera 1","date":"2026-01-02T03:04:05Z",'
     b'"machine":"machine 1","request":{"degree_u":3,"degree_v":3,"exposure_ms":0.0,'
-    b'"formats":["step","stl","ply","surface.json"],"mode":"sweep","model":"auto","name":"vase","profiles":1200,'
+    b'"formats":["step","stl","ply","surface.json"],"mode":"sweep","model":"auto","name":"vase","profiles":1200,"shape":"cylinder",'
     b'"tolerance_mm":0.0},"simulated":true,"writer":"celadond 0.1.0"}'
 )
 identity = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]

@@ -299,8 +299,9 @@ TEST(Results, FormatsFollowFromNames) {
 
 auto write_all(const RangeFit& fit, const std::vector<ResultFormat>& formats, const std::filesystem::path& folder,
                ResultNotes& notes) {
+  const FittedSurface piece{fit.function, fit.surface};
   return write_results(
-      {fit.function, fit.surface}, [&] { return fit; }, formats, folder, notes);
+      std::span(&piece, 1), [&] { return BodyFit{fit}; }, formats, folder, notes);
 }
 
 TEST(Results, TheFolderHoldsWhatWasAskedForAndTheReport) {
@@ -328,9 +329,10 @@ TEST(Results, ErrorsThatCannotBeMeasuredLeaveNothing) {
   ResultNotes notes;
   const RangeFit fit = sample_fit();
   bool mesh_was_there = false;
+  const FittedSurface piece{fit.function, fit.surface};
   const auto names = write_results(
-      {fit.function, fit.surface},
-      [&]() -> tl::expected<RangeFit, ResultError> {
+      std::span(&piece, 1),
+      [&]() -> tl::expected<BodyFit, ResultError> {
         mesh_was_there = std::filesystem::exists(folder / "results.part/object.stl");
         return tl::make_unexpected(ResultError{4, "the log cannot be read"});
       },

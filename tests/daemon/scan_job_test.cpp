@@ -5,6 +5,8 @@
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
 
+#include <algorithm>
+
 #include "daemon/profile_log.h"
 #include "tests/daemon/fake_machine.h"
 #include "tests/temporary_folder.h"
@@ -102,6 +104,25 @@ TEST(ScanJob, ProgressEndsAtTheWholeTurn) {
   EXPECT_EQ(outcome.progress.frames, 20);
   EXPECT_GE(outcome.progress.angle_deg, 360);
   EXPECT_GT(outcome.progress.samples, 1000u);
+}
+
+// Of positions that carry the time of their exchange the scan says what that leaves open; 0.3 ms is what one takes
+// here.
+TEST(ScanJob, UnstampedPositionsAreTold) {
+  for (const std::uint16_t features : {std::uint16_t{0}, protocol::kStampedByHost}) {
+    FakeMachine machine(features);
+    const TemporaryFolder here;
+    const Outcome outcome = scan(machine, here, ScanMode::sweep, 1'000'000);
+    ASSERT_TRUE(outcome.scan) << outcome.scan.error().reason;
+    const auto& warnings = outcome.scan->warnings;
+    const auto told = std::find_if(warnings.begin(), warnings.end(), [](const std::string& text) {
+      return text.find("does not stamp its positions") != std::string::npos;
+    });
+    ASSERT_EQ(told != warnings.end(), features != 0);
+    if (told == warnings.end()) continue;
+    // 180 deg/s * 0.3 ms / sqrt(12)
+    EXPECT_NE(told->find("up to 0.0156 deg"), std::string::npos) << *told;
+  }
 }
 
 TEST(ScanJob, AnExistingLogOrResultIsNeverOverwritten) {

@@ -121,6 +121,16 @@ r_min_mm = 1
 r_max_mm = 100.5
 z_min_mm = 2
 z_max_mm = 200
+[drive]
+profile = "leadshine-rs"
+io_profile = "io.toml"
+io = "modbus-tcp://10.0.0.9"
+serial = "3"
+steps_per_turn = 4000
+motor_turns_per_turn = -18.5
+max_speed_deg_per_s = 60
+max_acceleration_deg_per_s2 = 200
+homing = "mark"
 )");
   Config config;
   const auto read = read_config(folder / "celadond.toml", config);
@@ -137,6 +147,18 @@ z_max_mm = 200
   EXPECT_EQ(config.scan.profiles, 720);
   EXPECT_EQ(config.scan.mode, ScanMode::step);
   EXPECT_EQ(config.volume.r_max_mm, 100.5);
+  ASSERT_TRUE(config.drive);
+  EXPECT_EQ(config.drive->profile, "leadshine-rs");
+  EXPECT_EQ(config.drive->io_profile, "io.toml");
+  EXPECT_EQ(config.drive->io, "modbus-tcp://10.0.0.9");
+  EXPECT_EQ(config.drive->serial, "3");
+  EXPECT_EQ(config.drive->steps_per_turn, 4000);
+  EXPECT_EQ(config.drive->motor_turns_per_turn, -18.5);
+  EXPECT_EQ(config.drive->max_speed_deg_per_s, 60);
+  EXPECT_EQ(config.drive->max_acceleration_deg_per_s2, 200);
+  EXPECT_TRUE(config.drive->homes_at_mark);
+  config.device = "usb:";
+  EXPECT_NE(check_config(config).error().message.find("[drive] needs"), std::string::npos);
 }
 
 TEST(Config, NamesFileLineAndKey) {
@@ -157,6 +179,12 @@ TEST(Config, NamesFileLineAndKey) {
       {"[button]\nlong_press = \"dance\"\n", "line 2: button.long_press is not \"scan\""},
       {"[button]\nkey = 3\n", "button.key is not known"},
       {"device = \"unterminated\n", "line 1"},
+      {"camera = \"x\"\nstore = \"/home/j\xC3\xB6rg\"\n", "line 2, column 17: holds the byte 0xC3"},
+      {"[drive]\nprofile = 3\n", "drive.profile is not a text"},
+      {"[drive]\nspeed = 3\n", "line 2: drive.speed is not known"},
+      {"[drive]\nprofile = \"leadshine-rs\"\n", "[drive] lacks io_profile"},
+      {"[drive]\nhoming = \"sensor\"\n", "write \"index\" or \"mark\""},
+      {"[drive]\nmax_speed_deg_per_s = \"fast\"\n", "is not a number"},
   };
   for (const Case& c : cases) {
     const TemporaryFolder folder;

@@ -153,7 +153,7 @@ TEST(SimTruth, ComparesTheFitWithTheClosedForm) {
   Eigen::MatrixXd c(2, 1);
   c << 32.05, 38.05;
   const RangeFunction cone(base, 1, 0, {0, 0, 1, 1}, {0, 4}, c);
-  const auto error = truth_error(cone, *points);
+  const auto error = truth_error(std::vector<const RangeFunction*>{&cone}, *points);
   ASSERT_TRUE(error);
   EXPECT_NEAR(error->bias, 0.05, 1e-6);
   EXPECT_NEAR(error->rms, 0.05, 1e-6);
@@ -161,7 +161,7 @@ TEST(SimTruth, ComparesTheFitWithTheClosedForm) {
   const RangeFunction far(
       BaseSurface{BaseKind::cylinder, BaseArcs::full_circle(), 200, 300, Eigen::Isometry3d::Identity()}, 1, 0,
       {0, 0, 1, 1}, {0, 4}, c);
-  EXPECT_FALSE(truth_error(far, *points));
+  EXPECT_FALSE(truth_error(std::vector<const RangeFunction*>{&far}, *points));
 }
 
 }  // namespace

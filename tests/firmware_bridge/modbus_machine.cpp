@@ -70,7 +70,8 @@ Exception Machine::write(std::uint16_t address, std::uint16_t count, const std::
   return result;
 }
 
-ModbusServer::ModbusServer(Machine& machine, Link link, int unit) : machine_(machine), link_(link), unit_(unit) {
+ModbusServer::ModbusServer(Registers& registers, Link link, int unit)
+    : registers_(registers), link_(link), unit_(unit) {
   start();
 }
 
@@ -138,7 +139,7 @@ void ModbusServer::stop() {
 }
 
 void ModbusServer::run() {
-  modbus_mapping_t* mapping = modbus_mapping_new(0, 0, 0x80, 0x200);
+  modbus_mapping_t* mapping = modbus_mapping_new(0, 0, 0x10000, 0x10000);
   while (running_) {
     int fd = pty_master_;
     if (link_ == Link::tcp) {
@@ -173,6 +174,7 @@ bool ModbusServer::serve_one(modbus_t* context, modbus_mapping_t* mapping) {
   const Mishap m = next_mishap();
   if (m == Mishap::ignore) return true;
   if (m == Mishap::busy) return modbus_reply_exception(context, query, MODBUS_EXCEPTION_SLAVE_OR_SERVER_BUSY) > 0;
+  if (m == Mishap::bad_crc) return modbus_reply_exception(context, query, 8) > 0;
   if (m == Mishap::none) return reply(context, query, length, mapping);
 
   // The proper reply goes into a pipe of its own and is spoiled on the way.
@@ -216,17 +218,17 @@ bool ModbusServer::reply(modbus_t* context, const std::uint8_t* query, int lengt
   if (function == MODBUS_FC_READ_INPUT_REGISTERS || function == MODBUS_FC_READ_HOLDING_REGISTERS) {
     const bool input = function == MODBUS_FC_READ_INPUT_REGISTERS;
     std::uint16_t words[125];
-    result = machine_.read(input ? protocol::Area::input : protocol::Area::holding, address, word(3), words);
+    result = registers_.read(input ? protocol::Area::input : protocol::Area::holding, address, word(3), words);
     if (result == Exception::none)
       std::memcpy((input ? mapping->tab_input_registers : mapping->tab_registers) + address, words, word(3) * 2u);
   } else if (function == MODBUS_FC_WRITE_MULTIPLE_REGISTERS) {
     std::uint16_t words[123];
     const std::uint16_t count = std::min<std::uint16_t>(word(3), 123);
     for (int i = 0; i < count; ++i) words[i] = word(6 + 2 * i);
-    result = machine_.write(address, count, words);
+    result = registers_.write(address, count, words);
   } else if (function == MODBUS_FC_WRITE_SINGLE_REGISTER) {
     const std::uint16_t value = word(3);
-    result = machine_.write(address, 1, &value);
+    result = registers_.write(address, 1, &value);
   }
   if (result != Exception::none) return modbus_reply_exception(context, query, static_cast<unsigned>(result)) > 0;
   return modbus_reply(context, query, length, mapping) > 0;

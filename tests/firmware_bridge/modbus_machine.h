@@ -17,7 +17,16 @@
 
 namespace celadon::test {
 
-class Machine {
+/// What a server serves; called by its thread.
+class Registers {
+ public:
+  virtual ~Registers() = default;
+  virtual protocol::Exception read(protocol::Area area, std::uint16_t address, std::uint16_t count,
+                                   std::uint16_t* words) = 0;
+  virtual protocol::Exception write(std::uint16_t address, std::uint16_t count, const std::uint16_t* words) = 0;
+};
+
+class Machine final : public Registers {
  public:
   static constexpr std::uint64_t kRequest_us = 1000;  // bus time of a request
 
@@ -44,8 +53,9 @@ class Machine {
   }
 
   // For the server: takes the bus time, then serves.
-  protocol::Exception read(protocol::Area area, std::uint16_t address, std::uint16_t count, std::uint16_t* words);
-  protocol::Exception write(std::uint16_t address, std::uint16_t count, const std::uint16_t* words);
+  protocol::Exception read(protocol::Area area, std::uint16_t address, std::uint16_t count,
+                           std::uint16_t* words) override;
+  protocol::Exception write(std::uint16_t address, std::uint16_t count, const std::uint16_t* words) override;
 
   std::atomic<int> writes = 0, reads = 0;
 
@@ -90,6 +100,7 @@ enum class Mishap {
   garble,       ///< bytes changed: CRC on RTU, transaction number on TCP
   wrong_count,  ///< a reply that carries fewer registers than it was asked for
   busy,         ///< exception 6
+  bad_crc,      ///< exception 8, as drives answer that check the CRC and say so
   withhold,     ///< executed; the reply stays back until release_withheld()
   close_link    ///< executed, then the connection ends
 };
@@ -97,7 +108,7 @@ enum class Mishap {
 class ModbusServer {
  public:
   enum class Link { tcp, rtu };
-  ModbusServer(Machine& machine, Link link, int unit = 1);
+  ModbusServer(Registers& registers, Link link, int unit = 1);
   ~ModbusServer();
   ModbusServer(const ModbusServer&) = delete;
   ModbusServer& operator=(const ModbusServer&) = delete;
@@ -117,7 +128,7 @@ class ModbusServer {
   bool reply(modbus_t* context, const std::uint8_t* query, int length, modbus_mapping_t* mapping);
   Mishap next_mishap();
 
-  Machine& machine_;
+  Registers& registers_;
   const Link link_;
   const int unit_;
   int listener_ = -1, port_ = 0;

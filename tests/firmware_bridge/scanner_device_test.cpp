@@ -103,7 +103,7 @@ TEST(Open, AnotherProtocolVersionIsNamedAndLeftAlone) {
   ASSERT_FALSE(opened);
   EXPECT_EQ(opened.error().kind, Kind::wrong_protocol);
   EXPECT_NE(opened.error().cause.find("2.3"), std::string::npos) << opened.error().cause;
-  EXPECT_NE(opened.error().cause.find("1.1"), std::string::npos) << opened.error().cause;
+  EXPECT_NE(opened.error().cause.find("1.2"), std::string::npos) << opened.error().cause;
   EXPECT_EQ(s.machine.writes, 0);
 }
 

@@ -124,7 +124,7 @@ inline std::vector<SelectionScenario> selection_scenarios() {
       {.name = "sphere", .range = ball, .expected = cylinder, .sphere = true},
       {.name = "egg", .range = egg, .expected = revolution, .sphere = true},
       {.name = "lobed egg", .range = lobed_egg, .expected = general, .sphere = true}};
-  for (SelectionScenario kind : kinds)
+  for (const SelectionScenario& kind : kinds)
     for (const char* way : {"30 % holes", "10 % outliers", "density 1:20", "noise 1:5"}) {
       SelectionScenario s = kind;
       s.name += std::string(", ") + way;

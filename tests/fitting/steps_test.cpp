@@ -15,10 +15,11 @@ class Samples {
  public:
   explicit Samples(double sigma) : normal_(0, sigma) {}
   template <class Radius>
-  void wall(int n, double height, Radius radius) {
+  void wall(
+      int n, double height, Radius radius, bool (*seen)(double z) = [](double) { return true; }) {
     for (int k = 0; k < n; ++k) {
       const double v = 4 * share_(random_), z = height * share_(random_);
-      samples_.push_back({radius(v, z) + normal_(random_), v, z});
+      if (seen(z)) samples_.push_back({radius(v, z) + normal_(random_), v, z});
     }
   }
   void shoulder(int n, double z, double inner, double outer) {
@@ -59,6 +60,22 @@ TEST(Steps, AreFoundWithTheirHeightsAndJumps) {
         EXPECT_NEAR(steps[k].jump_mm, jumps[k], 0.3 + 2 * sigma) << sigma << shoulders;
       }
     }
+}
+
+// What a scanner from above sees of a groove: nothing right below its upper edge.
+TEST(Steps, AreFoundBesideShadows) {
+  Samples samples(0.02);
+  samples.wall(
+      120000, 100, [](double, double z) { return z < 62   ? 18.0
+                                                 : z < 66 ? 15.0
+                                                          : 18.0; },
+      [](double z) { return z < 65.2 || z >= 66; });
+  const auto steps = samples.steps(100);
+  ASSERT_EQ(steps.size(), 2u);
+  EXPECT_NEAR(steps[0].z_mm, 62, 0.2);
+  EXPECT_NEAR(steps[0].jump_mm, -3, 0.1);
+  EXPECT_NEAR(steps[1].z_mm, 65.6, 0.6);
+  EXPECT_NEAR(steps[1].jump_mm, 3, 0.1);
 }
 
 TEST(Steps, SmoothWallsHaveNone) {

@@ -37,6 +37,7 @@ TEST(FitParts, StepsAreTold) {
   const auto whole = run({"celadon", "fit", file, "-o", folder / "w.step", "--report", folder / "w.json"});
   ASSERT_EQ(whole.exit_code, 0) << whole.err;
   EXPECT_NE(whole.out.find("The wall steps by "), std::string::npos) << whole.out;
+  EXPECT_NE(whole.out.find("--shape auto makes walls with plane shoulders"), std::string::npos) << whole.out;
   const json report = json::parse(read_file(folder / "w.json"));
   ASSERT_EQ(report["steps"].size(), 1u);
   EXPECT_NEAR(report["steps"][0]["height_mm"].get<double>(), 40, 0.2);
@@ -48,6 +49,58 @@ TEST(FitParts, StepsAreTold) {
   EXPECT_FALSE(part.contains("steps"));
   EXPECT_NEAR(part["size_mm"][0].get<double>(), 40, 0.01);
   EXPECT_EQ(run({"celadon", "fit", file, "--heights", "30", "20", "-o", folder / "x.step"}).exit_code, 2);
+}
+
+// A shaft that lies somewhere in the file, with its end faces and shoulders: one body of three cylinders.
+TEST(FitParts, AShaftWithShouldersIsOneBody) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> share(0, 1);
+  std::normal_distribution<double> normal(0, 0.01);
+  const double ends[] = {0, 25, 70, 100}, radii[] = {15, 25, 10};
+  std::string cloud;
+  for (int k = 0; k < 90000; ++k) {
+    const double t = 2 * std::numbers::pi * share(random);
+    double r, z;
+    if (k % 6 == 0) {  // a plane across the axis
+      const int face = k / 6 % 4;
+      const double from = face == 0 ? 0 : radii[face - 1], to = face == 3 ? 0 : radii[face];
+      r = std::sqrt(from * from + (to * to - from * from) * share(random));
+      z = ends[face] + normal(random);
+    } else {
+      z = 100 * share(random);
+      r = radii[z < 25 ? 0 : z < 70 ? 1 : 2] + normal(random);
+    }
+    char line[128];
+    std::snprintf(line, sizeof line, "%.9g %.9g %.9g\n", z - 40, r * std::cos(t) + 7, r * std::sin(t));
+    cloud += line;
+  }
+  const TemporaryFolder folder;
+  const std::string file = folder.write("shaft.xyz", cloud);
+  const auto outcome =
+      run({"celadon", "fit", file, "--shape", "auto", "--form-tolerance", "0.002", "-o", folder / "s.step",
+           folder / "s.stl", folder / "s.json", folder / "s.svg", "--report", folder / "s.report.json"});
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("  shoulder    z "), std::string::npos) << outcome.out;
+  const json report = json::parse(read_file(folder / "s.report.json"));
+  ASSERT_EQ(report["pieces"].size(), 3u) << outcome.out;
+  ASSERT_EQ(report["shoulders"].size(), 2u);
+  const double jump = std::abs(report["shoulders"][0]["jump_mm"].get<double>());
+  EXPECT_NEAR(std::min(jump, 25 - jump), 10, 0.01);  // or 15: the file does not say which end is up
+  for (const auto& piece : report["pieces"]) EXPECT_EQ(piece["model"], "cylinder") << piece["decided_by"];
+  EXPECT_EQ(report["solid"]["faces"], 7);
+  EXPECT_TRUE(report["solid"]["valid"].get<bool>());
+  EXPECT_NEAR(report["solid"]["volume_mm3"].get<double>() / (std::numbers::pi * (225.0 * 25 + 625 * 45 + 100 * 30)), 1,
+              2e-4);
+  const auto middle = run({"celadon", "evaluate", folder / "s.json", "--piece", "2", "--angles", "30", "--heights",
+                           std::to_string((report["shoulders"][0]["height_mm"].get<double>() +
+                                           report["shoulders"][1]["height_mm"].get<double>()) /
+                                          2)});
+  ASSERT_EQ(middle.exit_code, 0) << middle.err;
+  const auto named =
+      run({"celadon", "fit", file, "--shape", "composite", "--shoulders", "30", "20", "-o", folder / "x.step"});
+  EXPECT_EQ(named.exit_code, 2);
+  EXPECT_NE(named.err.find("put them in order"), std::string::npos) << named.err;
+  EXPECT_EQ(run({"celadon", "fit", file, "--shoulders", "30", "-o", folder / "x.step"}).exit_code, 2);
 }
 
 // A hundred degrees of a tube that lies somewhere, and of one in the scanner's frame.

@@ -11,7 +11,7 @@
 #include "acquisition/laser_line.h"
 #include "acquisition/triangulation.h"
 #include "sim/device_model.h"
-#include "sim/optics.h"
+#include "sim/renderer.h"
 #include "tests/sim/closed_form_line.h"
 
 namespace celadon::sim {

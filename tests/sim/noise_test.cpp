@@ -77,7 +77,7 @@ TEST(Noise, VarianceFollowsShotAndReadNoise) {
   for (const float level : {0.F, 10.F, 60.F, 150.F}) {
     const std::vector<float> mean(n, level);
     std::vector<std::uint8_t> out(n);
-    expose_row(mean.data(), n, noise, make_key(3, 1, 9), 0, out.data());
+    expose_row(mean.data(), 1, n, noise, make_key(3, 1, 9), 0, out.data());
     const Moments m = moments(out);
     // Rounding to whole levels adds 1/12.
     const double variance = static_cast<double>(level) / 40 + 1.5 * 1.5 + 1.0 / 12;
@@ -91,13 +91,13 @@ TEST(Noise, SaturatesAtBlackAndWhite) {
   noise.pedestal = 0;
   const std::vector<float> mean{0, 0, 0, 1e6F, 400, 255.4F};
   std::vector<std::uint8_t> out(mean.size());
-  expose_row(mean.data(), mean.size(), noise, make_key(1, 1, 1), 0, out.data());
+  expose_row(mean.data(), 1, mean.size(), noise, make_key(1, 1, 1), 0, out.data());
   EXPECT_EQ(out[3], 255);
   EXPECT_EQ(out[4], 255);
   noise.read_levels = 100;
   std::vector<float> dark(1000, 0.F);
   std::vector<std::uint8_t> bytes(1000);
-  expose_row(dark.data(), dark.size(), noise, make_key(1, 1, 1), 0, bytes.data());
+  expose_row(dark.data(), 1, dark.size(), noise, make_key(1, 1, 1), 0, bytes.data());
   EXPECT_GT(std::count(bytes.begin(), bytes.end(), 0), 300);
 }
 
@@ -115,10 +115,10 @@ TEST(Noise, SameBitsOnEverySimdLevelAndForAnyCut) {
     for (std::size_t i = 0; i < n; ++i)
       ASSERT_EQ(g[i], random_gaussian(key, static_cast<std::uint32_t>(5 + i))) << hwy::TargetName(target);
     std::vector<std::uint8_t> whole(n), pieces(n);
-    expose_row(mean.data(), n, {}, key, 0, whole.data());
+    expose_row(mean.data(), 1, n, {}, key, 0, whole.data());
     for (std::size_t at = 0; at < n;) {
       const std::size_t piece = std::min<std::size_t>(n - at, 1 + at % 37);
-      expose_row(mean.data() + at, piece, {}, key, static_cast<std::uint32_t>(at), pieces.data() + at);
+      expose_row(mean.data() + at, 1, piece, {}, key, static_cast<std::uint32_t>(at), pieces.data() + at);
       at += piece;
     }
     EXPECT_EQ(whole, pieces);

@@ -1,4 +1,4 @@
-#include "sim/optics.h"
+#include "sim/renderer.h"
 
 #include <gtest/gtest.h>
 

@@ -14,6 +14,8 @@
 #include <vector>
 
 #include "acquisition/frame.h"
+#include "acquisition/v4l2_address.h"
+#include "acquisition/v4l2_devices.h"
 #include "tests/vm/kernel_record.h"
 #include "tests/vm/vivid_controls.h"
 
@@ -308,6 +310,42 @@ TEST(V4l2Vivid, an_exposure_that_it_lacks_is_named_by_its_control) {
   ASSERT_FALSE(set);
   EXPECT_EQ(set.error().kind, Kind::unsupported);
   EXPECT_THAT(set.error().message, HasSubstr("exposure_time_absolute"));
+}
+
+// What the list says of a control follows what another hand sets; formats are those that the driver takes.
+TEST(V4l2Vivid, the_list_of_cameras_shows_what_they_offer) {
+  const auto find = [](const V4l2Device& device, const std::string& name) -> V4l2Control {
+    for (const V4l2Control& control : device.controls)
+      if (control.name == name) return control;
+    ADD_FAILURE() << "no control " << name;
+    return {};
+  };
+  const auto devices = list_v4l2_devices();
+  ASSERT_EQ(devices.size(), 2u);
+  EXPECT_EQ(devices[0].path, kDevice);
+  EXPECT_EQ(devices[0].driver, "vivid");
+  EXPECT_EQ(devices[0].problem, "");
+  const V4l2Format* const preferred = preferred_format(devices[0]);
+  ASSERT_NE(preferred, nullptr);
+  EXPECT_EQ(fourcc_text(preferred->fourcc), "GREY");
+  bool listed = false;
+  for (const V4l2Size& size : preferred->sizes) {
+    if (size.width_px != 640 || size.height_px != 360) continue;
+    listed = true;
+    EXPECT_FALSE(size.frames_per_second.empty());
+    EXPECT_TRUE(std::is_sorted(size.frames_per_second.rbegin(), size.frames_per_second.rend()));
+  }
+  EXPECT_TRUE(listed);
+  const auto unusable = std::count_if(devices[0].formats.begin(), devices[0].formats.end(),
+                                      [](const V4l2Format& format) { return !format.usable; });
+  EXPECT_GT(unusable, 0);
+  const V4l2Control brightness = find(devices[0], "Brightness");
+  EXPECT_EQ(brightness.minimum, 0);
+  EXPECT_EQ(brightness.maximum, 255);
+  VividControls(kDevice).set("Brightness", 77);
+  EXPECT_EQ(find(list_v4l2_devices()[0], "Brightness").value, 77);
+  VividControls(kDevice).set("Brightness", static_cast<int>(brightness.standard));
+  EXPECT_THAT(find(devices[0], "Test Pattern").menu, testing::Contains("75% Colorbar"));
 }
 
 TEST(V4l2Vivid, a_user_without_rights_is_told_the_group) {

@@ -1,33 +1,31 @@
 #pragma once
-// A fit of one piece or of several, as `celadon fit` handles it.
+// Samples to the body that they show: faces, walls, heads, in the frame and with the knowledge that was asked for.
 
 #include <Eigen/Geometry>
 #include <functional>
-#include <nlohmann/json.hpp>
-#include <span>
+#include <optional>
 #include <string>
-#include <variant>
 
 #include <tl/expected.hpp>
 
-#include "daemon/cli/constraint_options.h"
+#include "daemon/body_fit.h"
 #include "daemon/report.h"
-#include "fitting/composite_fit.h"
 #include "fitting/range_fit.h"
 #include "fitting/shape_choice.h"
 
-namespace celadon::cli {
+namespace celadon {
 
-struct BodyFit {
-  std::variant<RangeFit, CompositeFit> fit;
-  std::span<const RangeFit> pieces() const;
-  nlohmann::ordered_json report(const ResultNotes& notes) const;
-  /// The piece over a cylinder; nullptr: there is none.
-  const RangeFit* wall() const;
-  bool wall_is_round() const;
-  /// Where the wall's axis is, in its own frame, if that may make it round.
-  std::optional<Eigen::Isometry3d> better_axis() const;
+/// The symmetry that was asked for; where the mirror plane is may be left to the samples.
+struct SymmetryRequest {
+  int fold = 1;
+  bool mirrored = false;
+  std::optional<double> plane_rad{};  ///< nullopt: to be found
+  bool any() const { return fold > 1 || mirrored; }
 };
+
+/// The shape of that name ("auto": what the samples ask for), its centre, splits and shoulders where the samples show
+/// them. Errors: one sentence.
+tl::expected<ShapeChoice, std::string> shape_named(const std::string& name, ProfileStream& samples);
 
 /// What becomes of a fit besides its surface.
 struct FitSetting {
@@ -43,4 +41,4 @@ struct FitSetting {
 tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
                                              RangeFitOptions options, const FitSetting& setting, ResultNotes& notes);
 
-}  // namespace celadon::cli
+}  // namespace celadon

@@ -1,12 +1,12 @@
-#include "daemon/cli/body_fit.h"
+#include "daemon/shape_fit.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <utility>
 #include <vector>
 
-#include "daemon/cli/fit_outputs.h"
 #include "daemon/thread_executor.h"
 #include "fitting/even_points.h"
 #include "fitting/flat_ends.h"
@@ -16,7 +16,7 @@
 #include "fitting/spherical_stream.h"
 #include "fitting/symmetry.h"
 
-namespace celadon::cli {
+namespace celadon {
 namespace {
 
 constexpr std::size_t kFlatPoints = 24000;
@@ -112,35 +112,26 @@ tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStr
   if (!sphere && !heights && cut_mm > kMuch * (fitted.report.z_end_mm - fitted.report.z_start_mm))
     notes.warnings.push_back("If the object ends on a rim that is not plane, --rims follow keeps what was cut.");
   if (!fitted.report.steps.empty())
-    notes.warnings.push_back("--heights FROM TO fits what lies between two heights by itself.");
+    notes.warnings.push_back("--shape auto makes walls with plane shoulders between them of it.");
   setting.lap("fit");
   return BodyFit{std::move(fitted)};
 }
 
 }  // namespace
 
-std::span<const RangeFit> BodyFit::pieces() const {
-  if (const auto* one = std::get_if<RangeFit>(&fit)) return {one, 1};
-  return std::get<CompositeFit>(fit).pieces;
-}
-
-nlohmann::ordered_json BodyFit::report(const ResultNotes& notes) const {
-  return std::visit([&](const auto& of) { return report_json(of, notes); }, fit);
-}
-
-const RangeFit* BodyFit::wall() const {
-  const auto all = pieces();
-  const auto found =
-      std::find_if(all.begin(), all.end(), [](const RangeFit& piece) { return !piece.function.base().spherical(); });
-  return found == all.end() ? nullptr : &*found;
-}
-
-bool BodyFit::wall_is_round() const {
-  return wall() != nullptr && is_round(wall()->report.model);
-}
-
-std::optional<Eigen::Isometry3d> BodyFit::better_axis() const {
-  return wall() == nullptr || wall_is_round() ? std::nullopt : axis_of_sections(wall()->function);
+tl::expected<ShapeChoice, std::string> shape_named(const std::string& name, ProfileStream& samples) {
+  ShapeChoice named;
+  if (name == "cylinder") return named;
+  if (name == "sphere") {
+    named.shape = BodyShape::sphere;
+    named.centre_z_mm = centre_on_axis_mm(samples);
+    if (!std::isfinite(named.centre_z_mm))
+      return tl::make_unexpected("the samples lie at one height and show no centre; name one with --centre-z");
+    return named;
+  }
+  auto choice = name == "composite" ? choose_shape(samples, BodyShape::composite) : choose_shape(samples);
+  if (!choice) return tl::make_unexpected(choice.error().message);
+  return *choice;
 }
 
 tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
@@ -154,12 +145,12 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
   for (ProfileStream* part : parts)
     wall_parts.push_back(walls.emplace_back(std::make_unique<WallStream>(*part, ends)).get());
   JoinedStream wall(wall_parts);
-  if (shape.shape != BodyShape::cylinder || setting.follow_rims)
+  if (shape.shape == BodyShape::sphere || setting.follow_rims)
     return fit_wall(shape, wall, wall_parts, options, setting, notes);
   // The wall goes on to its faces; where it does not, it ends where its samples do.
   RangeFitOptions to_faces = options;
-  if (ends.lower) to_faces.reach_start = ends.lower->height_mm;
-  if (ends.upper) to_faces.reach_end = ends.upper->height_mm;
+  if (ends.lower && !shape.split.below_mm) to_faces.reach_start = ends.lower->height_mm;
+  if (ends.upper && !shape.split.above_mm) to_faces.reach_end = ends.upper->height_mm;
   auto fitted = fit_wall(shape, wall, wall_parts, to_faces, setting, notes);
   if (fitted) return fitted;
   const std::string why = fitted.error();
@@ -168,4 +159,4 @@ tl::expected<BodyFit, std::string> fit_shape(const ShapeChoice& shape, ProfileSt
   return fitted;
 }
 
-}  // namespace celadon::cli
+}  // namespace celadon

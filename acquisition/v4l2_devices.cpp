@@ -1,0 +1,171 @@
+#include "acquisition/v4l2_devices.h"
+
+#include <fcntl.h>
+#include <linux/videodev2.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cstring>
+#include <system_error>
+
+#include "acquisition/file_descriptor.h"
+#include "acquisition/v4l2_ioctl.h"
+#include "acquisition/v4l2_text.h"
+
+namespace celadon {
+namespace {
+
+// More of anything than any driver has: an enumeration that does not end is a driver's fault.
+constexpr std::uint32_t kMostFormats = 256, kMostSizes = 1024, kMostRates = 256, kMostControls = 1024;
+
+double rate_of(const v4l2_fract& period) {
+  return period.numerator == 0 ? 0 : static_cast<double>(period.denominator) / period.numerator;
+}
+
+std::vector<double> rates_of(int fd, std::uint32_t fourcc, std::uint32_t width, std::uint32_t height) {
+  std::vector<double> rates;
+  for (std::uint32_t i = 0; i < kMostRates; ++i) {
+    v4l2_frmivalenum interval{};
+    interval.index = i;
+    interval.pixel_format = fourcc;
+    interval.width = width;
+    interval.height = height;
+    if (v4l2_ioctl(fd, VIDIOC_ENUM_FRAMEINTERVALS, &interval) != 0) break;
+    if (interval.type == V4L2_FRMIVAL_TYPE_DISCRETE) {
+      rates.push_back(rate_of(interval.discrete));
+      continue;
+    }
+    rates.push_back(rate_of(interval.stepwise.min));
+    rates.push_back(rate_of(interval.stepwise.max));
+    break;
+  }
+  std::sort(rates.rbegin(), rates.rend());
+  return rates;
+}
+
+std::vector<V4l2Size> sizes_of(int fd, std::uint32_t fourcc) {
+  std::vector<V4l2Size> sizes;
+  const auto add = [&](std::uint32_t width, std::uint32_t height) {
+    sizes.push_back({width, height, rates_of(fd, fourcc, width, height)});
+  };
+  for (std::uint32_t i = 0; i < kMostSizes; ++i) {
+    v4l2_frmsizeenum size{};
+    size.index = i;
+    size.pixel_format = fourcc;
+    if (v4l2_ioctl(fd, VIDIOC_ENUM_FRAMESIZES, &size) != 0) break;
+    if (size.type == V4L2_FRMSIZE_TYPE_DISCRETE) {
+      add(size.discrete.width, size.discrete.height);
+      continue;
+    }
+    add(size.stepwise.min_width, size.stepwise.min_height);
+    add(size.stepwise.max_width, size.stepwise.max_height);
+    break;
+  }
+  return sizes;
+}
+
+std::vector<V4l2Format> formats_of(int fd) {
+  std::vector<V4l2Format> formats;
+  for (std::uint32_t i = 0; i < kMostFormats; ++i) {
+    v4l2_fmtdesc format{};
+    format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    format.index = i;
+    if (v4l2_ioctl(fd, VIDIOC_ENUM_FMT, &format) != 0) break;
+    const std::uint32_t fourcc = format.pixelformat;
+    formats.push_back({fourcc, printable(format.description, sizeof format.description),
+                       fourcc == V4L2_PIX_FMT_GREY || fourcc == V4L2_PIX_FMT_YUYV, sizes_of(fd, fourcc)});
+  }
+  return formats;
+}
+
+std::vector<std::string> menu_of(int fd, const v4l2_query_ext_ctrl& control) {
+  std::vector<std::string> menu;
+  for (std::int64_t i = 0; i <= std::min<std::int64_t>(control.maximum, 255); ++i) {
+    v4l2_querymenu entry{};
+    entry.id = control.id;
+    entry.index = static_cast<std::uint32_t>(i);
+    const bool there = i >= control.minimum && v4l2_ioctl(fd, VIDIOC_QUERYMENU, &entry) == 0;
+    menu.push_back(there ? control.type == V4L2_CTRL_TYPE_INTEGER_MENU ? std::to_string(entry.value)
+                                                                       : printable(entry.name, sizeof entry.name)
+                         : std::string());
+  }
+  return menu;
+}
+
+std::optional<std::int64_t> value_of(int fd, std::uint32_t id) {
+  v4l2_control control{};
+  control.id = id;
+  if (v4l2_ioctl(fd, VIDIOC_G_CTRL, &control) != 0) return std::nullopt;
+  return control.value;
+}
+
+std::vector<V4l2Control> controls_of(int fd) {
+  std::vector<V4l2Control> controls;
+  v4l2_query_ext_ctrl control{};
+  for (std::uint32_t i = 0; i < kMostControls; ++i) {
+    control.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
+    if (v4l2_ioctl(fd, VIDIOC_QUERY_EXT_CTRL, &control) != 0) break;
+    const bool menu = control.type == V4L2_CTRL_TYPE_MENU || control.type == V4L2_CTRL_TYPE_INTEGER_MENU;
+    const bool number = control.type == V4L2_CTRL_TYPE_INTEGER || control.type == V4L2_CTRL_TYPE_BOOLEAN;
+    if ((!menu && !number) || (control.flags & V4L2_CTRL_FLAG_DISABLED) != 0) continue;
+    controls.push_back({printable(reinterpret_cast<const std::uint8_t*>(control.name), sizeof control.name), control.id,
+                        control.minimum, control.maximum, static_cast<std::int64_t>(control.step),
+                        control.default_value, value_of(fd, control.id), (control.flags & V4L2_CTRL_FLAG_INACTIVE) != 0,
+                        menu ? menu_of(fd, control) : std::vector<std::string>()});
+  }
+  return controls;
+}
+
+/// The device of a node; nothing if it captures no video.
+std::optional<V4l2Device> device_of(const std::string& path) {
+  V4l2Device device;
+  device.path = path;
+  const FileDescriptor file(::open(path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+  if (file.get() < 0) {
+    const int code = errno;
+    device.problem = path + " cannot be opened: " + std::strerror(code) +
+                     (code == EACCES ? "; add yourself to the group video" : "; connect the camera again") + ".";
+    return device;
+  }
+  v4l2_capability capability{};
+  if (v4l2_ioctl(file.get(), VIDIOC_QUERYCAP, &capability) != 0) return std::nullopt;
+  const std::uint32_t can =
+      (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? capability.device_caps : capability.capabilities;
+  if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0) return std::nullopt;
+  device.name = printable(capability.card, sizeof capability.card);
+  device.driver = printable(capability.driver, sizeof capability.driver);
+  device.bus = printable(capability.bus_info, sizeof capability.bus_info);
+  device.serial = usb_serial_of(path);
+  device.formats = formats_of(file.get());
+  device.controls = controls_of(file.get());
+  return device;
+}
+
+}  // namespace
+
+std::vector<V4l2Device> list_v4l2_devices(const std::filesystem::path& nodes) {
+  std::vector<int> numbers;
+  std::error_code error;
+  for (const auto& entry : std::filesystem::directory_iterator(nodes, error)) {
+    const std::string name = entry.path().filename().string();
+    constexpr std::string_view kPrefix = "video";
+    int number = 0;
+    if (!name.starts_with(kPrefix)) continue;
+    const auto parsed = std::from_chars(name.data() + kPrefix.size(), name.data() + name.size(), number);
+    if (parsed.ec == std::errc{} && parsed.ptr == name.data() + name.size()) numbers.push_back(number);
+  }
+  std::sort(numbers.begin(), numbers.end());
+  std::vector<V4l2Device> devices;
+  for (const int number : numbers)
+    if (auto device = device_of("/dev/video" + std::to_string(number))) devices.push_back(std::move(*device));
+  return devices;
+}
+
+const V4l2Format* preferred_format(const V4l2Device& device) {
+  for (const std::uint32_t fourcc : {V4L2_PIX_FMT_GREY, V4L2_PIX_FMT_YUYV})
+    for (const V4l2Format& format : device.formats)
+      if (format.fourcc == fourcc) return &format;
+  return nullptr;
+}
+
+}  // namespace celadon

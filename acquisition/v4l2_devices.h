@@ -1,0 +1,47 @@
+#pragma once
+// What the V4L2 cameras of this computer offer. Nothing is changed on them, and no stream is started.
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace celadon {
+
+struct V4l2Size {
+  std::uint32_t width_px = 0, height_px = 0;
+  std::vector<double> frames_per_second;  ///< fastest first; empty: the driver does not tell
+};
+
+struct V4l2Format {
+  std::uint32_t fourcc = 0;
+  std::string description;
+  bool usable = false;          ///< frames of it can be scanned with
+  std::vector<V4l2Size> sizes;  ///< as listed; of a stepwise size its smallest and its largest
+};
+
+struct V4l2Control {
+  std::string name;
+  std::uint32_t id = 0;
+  std::int64_t minimum = 0, maximum = 0, step = 1, standard = 0;
+  std::optional<std::int64_t> value;  ///< none: it cannot be read
+  bool inactive = false;              ///< another control holds it, as the automatic does the exposure
+  std::vector<std::string> menu;      ///< its choices by value; empty strings where there is none
+};
+
+struct V4l2Device {
+  std::string path, name, driver, bus, serial;
+  std::vector<V4l2Format> formats;
+  std::vector<V4l2Control> controls;  ///< numbers, switches and menus
+  std::string problem;                ///< why nothing else is known of it, with the remedy; empty: it was asked
+};
+
+/// The capture devices of this computer, by the number of their node. Nodes that capture no video are left out.
+/// @param nodes where their names stand: video0, video1 ...
+std::vector<V4l2Device> list_v4l2_devices(const std::filesystem::path& nodes = "/sys/class/video4linux");
+
+/// The format that a camera is opened with unless another is named: GREY before YUYV. Null: none can be used.
+const V4l2Format* preferred_format(const V4l2Device& device);
+
+}  // namespace celadon

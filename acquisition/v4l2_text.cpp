@@ -1,0 +1,25 @@
+#include "acquisition/v4l2_text.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <fstream>
+
+namespace celadon {
+
+std::string printable(const std::uint8_t* text, std::size_t size) {
+  std::string out;
+  for (std::size_t i = 0; i < size && text[i] != 0; ++i) out += text[i] >= 0x20 && text[i] < 0x7f ? char(text[i]) : '?';
+  return out;
+}
+
+std::string usb_serial_of(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::path node = std::filesystem::canonical(path, error).filename();
+  const std::filesystem::path device = std::filesystem::canonical("/sys/class/video4linux" / node / "device", error);
+  if (error) return "";
+  std::string serial;
+  std::ifstream(device.parent_path() / "serial") >> serial;
+  return printable(reinterpret_cast<const std::uint8_t*>(serial.data()), std::min<std::size_t>(serial.size(), 64));
+}
+
+}  // namespace celadon

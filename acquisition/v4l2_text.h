@@ -1,0 +1,15 @@
+#pragma once
+// Names that V4L2 drivers give.
+
+#include <cstdint>
+#include <string>
+
+namespace celadon {
+
+/// Text up to its end or `size`; "?" for what is not printable ASCII.
+std::string printable(const std::uint8_t* text, std::size_t size);
+
+/// Serial number of the USB device behind a video node, or "".
+std::string usb_serial_of(const std::string& path);
+
+}  // namespace celadon

@@ -1,0 +1,30 @@
+#pragma once
+// The picture without the laser: background, object and platter under room light.
+
+#include <vector>
+
+#include "sim/optics.h"
+#include "sim/scene.h"
+
+namespace celadon::sim {
+
+class RoomLight {
+ public:
+  explicit RoomLight(const OpticsConfig& config);
+
+  /// Makes levels() those of this table angle, in steps of five degrees.
+  void update(const Scene& scene, const VirtualCamera& camera, double angle_rad);
+  /// The object or the camera was moved.
+  void forget() { ready_ = false; }
+  /// Height x width, at the reference exposure.
+  const std::vector<float>& levels() const { return levels_; }
+
+ private:
+  OpticsConfig config_;
+  std::vector<float> levels_;
+  std::vector<Eigen::Vector3d> rays_W_;  ///< of the pixels that are looked at
+  long cell_ = 0;
+  bool ready_ = false;
+};
+
+}  // namespace celadon::sim
