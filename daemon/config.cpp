@@ -171,6 +171,21 @@ void read_drive(const toml::table& section, Config& config) {
   }
 }
 
+void read_motion(const toml::table& section, Config& config) {
+  for (const auto& [name, node] : section) {
+    const std::string key = "motion." + std::string(name.str());
+    if (key == "motion.lowest_deg") {
+      config.motion.lowest_deg = number(key, node);
+    } else if (key == "motion.highest_deg") {
+      config.motion.highest_deg = number(key, node);
+    } else if (key == "motion.jerk_deg_per_s3") {
+      config.motion.jerk_deg_per_s3 = number(key, node);
+    } else {
+      throw Problem{line_of(node) + key + " is not known; [motion] has lowest_deg, highest_deg and jerk_deg_per_s3."};
+    }
+  }
+}
+
 void read_scan(const toml::table& section, Config& config) {
   auto json = nlohmann::json::object();
   for (const auto& [name, node] : section)
@@ -197,6 +212,8 @@ void read_root(const toml::table& root, Config& config) {
       config.log_level = text(key, node);
     } else if (key == "drive") {
       read_drive(table(key, node), config);
+    } else if (key == "motion") {
+      read_motion(table(key, node), config);
     } else if (key == "http") {
       read_http(table(key, node), config);
     } else if (key == "scan") {
@@ -209,7 +226,7 @@ void read_root(const toml::table& root, Config& config) {
       throw Problem{
           line_of(node) + "'" + key +
           "' is not known; the keys are device, camera, calibration, store, record, log_level and the sections "
-          "[button], [drive], [http], [scan], [volume]."};
+          "[button], [drive], [http], [motion], [scan], [volume]."};
     }
   }
 }

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <limits>
 #include <optional>
 #include <string>
 
@@ -25,9 +26,16 @@ struct DriveConfig {
   bool homes_at_mark = false;
 };
 
+/// [motion]: what the table may do beside what the controller allows.
+struct MotionConfig {
+  double lowest_deg = -std::numeric_limits<double>::infinity(), highest_deg = std::numeric_limits<double>::infinity();
+  double jerk_deg_per_s3 = 0;  ///< 0: trapezoids
+};
+
 struct Config {
-  std::string device;                 ///< "modbus-tcp://..", "modbus-rtu:..", "usb:.."; empty with a recording
-  std::optional<DriveConfig> drive;   ///< none: the device is a controller of the protocol
+  std::string device;                ///< "modbus-tcp://..", "modbus-rtu:..", "usb:.."; empty with a recording
+  std::optional<DriveConfig> drive;  ///< none: the device is a controller of the protocol
+  MotionConfig motion;
   std::string camera;                 ///< "v4l2:..", "sim:FOLDER", "replay:FOLDER"
   std::filesystem::path calibration;  ///< file
   std::filesystem::path store;        ///< folder of scans

@@ -18,7 +18,7 @@ using checked_toml::Refusal;
 using checked_toml::Section;
 
 constexpr std::size_t kLargestProfile = std::size_t{1} << 18;
-constexpr std::size_t kMostAlarms = 256, kMostSettings = 32, kLongestText = 200;
+constexpr std::size_t kMostAlarms = 256, kMostSettings = 32, kLongestSetting = 200;
 constexpr double kMostSteps = 1e9;
 
 bool writes(const DriveAction& action, DriveWrite::What what) {
@@ -69,7 +69,7 @@ DriveProfile drive_of(const toml::table& table, const std::string& name) {
       root.refuse(root.node("settings"), "settings", "must be an array of at most 32 texts");
     for (const toml::node& entry : *list) {
       const auto* text = entry.as_string();
-      if (text == nullptr || text->get().size() > kLongestText)
+      if (text == nullptr || text->get().size() > kLongestSetting)
         root.refuse(entry, "settings", "must be an array of texts of at most 200 characters");
       p.settings.push_back(text->get());
     }

@@ -8,8 +8,8 @@
 namespace celadon {
 namespace {
 
-constexpr std::int64_t kMillisecond_ns = 1'000'000;
-constexpr std::int64_t kGlance_ns = 10 * kMillisecond_ns;
+constexpr std::int64_t kMs_ns = 1'000'000;
+constexpr std::int64_t kGlance_ns = 10 * kMs_ns;
 
 }  // namespace
 
@@ -60,7 +60,7 @@ void ScanQueue::drop_late_presses() {
 /// Waits on the machine's clock until a press of its own button is over, or long. Presses close after it are part of
 /// the same order. nullopt: the machine is lost, or the daemon ends.
 std::optional<PressLength> ScanQueue::follow_press(DeviceStatus status) {
-  const auto is_long = [&] { return status.button_held_ms * kMillisecond_ns >= options_.button.timing.lasting_ns; };
+  const auto is_long = [&] { return status.button_held_ms * kMs_ns >= options_.button.timing.lasting_ns; };
   while (status.button_down && !is_long()) {
     if (stopping()) return std::nullopt;
     connection_->clock->sleep_until(connection_->clock->now_ns() + kGlance_ns);

@@ -77,8 +77,9 @@ int serve(const Config& config, const sigset_t& ending) {
   options.button = config.presses;
   if (!config.button.empty()) options.button.open = [url = config.button] { return open_button(url); };
   options.volume = config.volume;
-  ScanQueue queue(std::move(*store), *calibration, options,
-                  [&] { return connect_scanner(config.device, config.camera, *calibration, config.drive); });
+  ScanQueue queue(std::move(*store), *calibration, options, [&] {
+    return connect_scanner(config.device, config.camera, *calibration, config.drive, config.motion);
+  });
   if (auto started = queue.start(); !started) return fail(kUsage, started.error().message);
 
   HttpServerOptions http;

@@ -8,7 +8,7 @@ namespace {
 
 using checked_toml::excerpt;
 
-constexpr std::size_t kMostRegisters = 64, kMostWrites = 32, kLongestText = 200;
+constexpr std::size_t kMostRegisters = 64, kMostWrites = 32, kLongestWord = 200;
 constexpr double kLargestScale = 1e9;
 constexpr std::array kUnits = {DriveUnit::none,        DriveUnit::step,           DriveUnit::step_per_s, DriveUnit::rpm,
                                DriveUnit::step_per_s2, DriveUnit::ms_per_1000rpm, DriveUnit::ms};
@@ -34,7 +34,7 @@ ProfileFile::ProfileFile(const toml::table& table, const std::string& name, cons
 std::string ProfileFile::text(Section& section, const std::string& key) {
   std::string found = section.text(key);
   const bool printable = std::all_of(found.begin(), found.end(), [](char c) { return c >= 0x20 && c < 0x7F; });
-  if (!printable || found.size() > kLongestText)
+  if (!printable || found.size() > kLongestWord)
     section.refuse(section.node(key), key,
                    "is " + excerpt(found) + " and must be at most 200 printable characters of ASCII");
   return found;

@@ -167,7 +167,7 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
   // A frame every pitch. The run-up and the run-out keep the turn itself at constant speed.
   const double period_s = static_cast<double>(tools.equipment.camera.mode().frame_period_ns) * 1e-9;
   const double speed = std::min(turn.pitch_rad * turn.encoder_per_true / period_s, limits.max_speed_rad_per_s);
-  const double run_up = speed * speed / (2 * limits.max_acceleration_rad_per_s2) + 4 * speed * period_s;
+  const double run_up = device.run_up_rad(speed) + 4 * speed * period_s;
   const double start = feed.status().angle_rad + run_up;
   const double end_turned = kTurn_rad + turn.overlap_rad;
   const double target = start + end_turned * turn.encoder_per_true + run_up;

@@ -1,5 +1,7 @@
 #include "daemon/scanner_connection.h"
 
+#include <numbers>
+
 #include <spdlog/spdlog.h>
 
 #include "daemon/drive_profile_reader.h"
@@ -48,7 +50,8 @@ tl::expected<std::unique_ptr<Transport>, ConnectError> open_drive(const DriveCon
 tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
                                                               const std::string& camera_url,
                                                               const Calibration& calibration,
-                                                              const std::optional<DriveConfig>& drive) {
+                                                              const std::optional<DriveConfig>& drive,
+                                                              const MotionConfig& motion) {
   ScannerConnection connection;
   connection.clock = std::make_unique<MonotonicClock>();
   if (camera_url.rfind(kSim, 0) == 0) {
@@ -79,6 +82,12 @@ tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string&
     return unconnected(device.error().message(), device.error().kind == DeviceError::Kind::wrong_protocol);
   }
   connection.device = std::move(*device);
+  constexpr double kRad_per_deg = std::numbers::pi / 180;
+  if (auto set = connection.device->set_motion_limits(
+          {motion.lowest_deg * kRad_per_deg, motion.highest_deg * kRad_per_deg, motion.jerk_deg_per_s3 * kRad_per_deg});
+      !set) {
+    return tl::make_unexpected(connect_error(set.error()));
+  }
 
   auto camera = open_frame_source(camera_url);
   if (!camera) return unconnected(camera.error().message);

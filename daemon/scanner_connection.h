@@ -40,6 +40,7 @@ struct ConnectError {
 tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
                                                               const std::string& camera_url,
                                                               const Calibration& calibration,
-                                                              const std::optional<DriveConfig>& drive = std::nullopt);
+                                                              const std::optional<DriveConfig>& drive = std::nullopt,
+                                                              const MotionConfig& motion = {});
 
 }  // namespace celadon

@@ -56,7 +56,7 @@ tl::expected<BodyFit, std::string> fit_symmetric_body(ProfileStream& samples, co
 tl::expected<BodyFit, std::string> fit_wall(const ShapeChoice& shape, ProfileStream& samples, ProfileParts parts,
                                             RangeFitOptions options, const FitSetting& setting, ResultNotes& notes) {
   if (shape.shape == BodyShape::composite) {
-    auto composite = fit_composite(samples, shape.split, options);
+    auto composite = fit_composite(parts, shape.split, options, run_on_all_cores);
     if (!composite) return tl::make_unexpected(composite.error().message);
     for (RangeFit& piece : composite->pieces) place(piece, setting.X_WL);
     setting.lap("fit");

@@ -384,6 +384,8 @@ Exception ControllerCore::start_move(int index, const std::uint16_t* block) {
   if (acceleration == 0) acceleration = limits.max_acceleration_udeg_per_s2;
   if (speed == 0 || speed > limits.max_speed_udeg_per_s) return Exception::illegal_value;
   if (acceleration > limits.max_acceleration_udeg_per_s2) return Exception::illegal_value;
+  const std::uint32_t jerk = protocol::get_u32(block + reg::axis_command::goal_jerk.offset);
+  if (jerk != 0 && !(limits.features & protocol::kTakesJerk)) return Exception::illegal_value;
   const std::int64_t target = protocol::join_turns(protocol::get_s32(block + reg::axis_command::goal_angle.offset),
                                                    protocol::get_s32(block + reg::axis_command::goal_turns.offset));
   if (limits.features & protocol::kEndless) {
@@ -396,7 +398,7 @@ Exception ControllerCore::start_move(int index, const std::uint16_t* block) {
   axis.stopping = false;
   axis.target_udeg = target;
   fault_ = FaultCode::none;
-  plant_.move(index, target, speed, acceleration, now_us_);
+  plant_.move(index, target, speed, acceleration, jerk, now_us_);
   return Exception::none;
 }
 

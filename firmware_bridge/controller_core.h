@@ -42,9 +42,10 @@ class Plant {
   virtual AxisSample axis(int axis, std::uint64_t now_us) = 0;
   /// Finds the index, makes it position 0 and stands there; a failure is FaultCode::homing_failed or no index_found.
   virtual void home(int axis, std::uint64_t now_us) = 0;
-  /// Trapezoid to the target; the plant plans it. Speed and acceleration are within the capabilities.
+  /// Trapezoid to the target, with a jerk an S-curve; the plant plans it. Speed and acceleration are within the
+  /// capabilities; jerk_mdeg_per_s3 is 0 where they do not say kTakesJerk.
   virtual void move(int axis, std::int64_t target_udeg, std::uint32_t speed_udeg_per_s,
-                    std::uint32_t acceleration_udeg_per_s2, std::uint64_t now_us) = 0;
+                    std::uint32_t acceleration_udeg_per_s2, std::uint32_t jerk_mdeg_per_s3, std::uint64_t now_us) = 0;
   /// Decelerates to standing, from any motion; harmless when standing.
   virtual void stop(int axis, std::uint64_t now_us) = 0;
   /// Takes the torque off; the next home() puts it back.

@@ -179,6 +179,7 @@ tl::expected<DeviceCapabilities, LinkError> ControllerLink::read_capabilities() 
   c.remote_enable_switch = *at(reg::capabilities::safety_hardware) & protocol::kHasRemoteEnable;
   c.session_timeout_ms = *at(reg::capabilities::session_timeout);
   c.endless_rotation = *at(reg::axis_capabilities::features) & protocol::kEndless;
+  c.takes_jerk = *at(reg::axis_capabilities::features) & protocol::kTakesJerk;
   c.stamped_by_host = *at(reg::axis_capabilities::features) & protocol::kStampedByHost;
   if (!c.endless_rotation)
     c.travel_rad = radians(std::int64_t{protocol::get_s32(at(reg::axis_capabilities::travel_max))} -
@@ -220,8 +221,9 @@ tl::expected<void, LinkError> ControllerLink::write_lease(int laser, std::int64_
 
 tl::expected<void, LinkError> ControllerLink::write_axis_command(std::uint16_t command, std::uint16_t sequence,
                                                                  std::int64_t target_udeg,
-                                                                 std::uint32_t speed_udeg_per_s) {
-  std::array<std::uint16_t, reg::axis_command::session.offset + 1> words{};
+                                                                 std::uint32_t speed_udeg_per_s,
+                                                                 std::uint32_t jerk_mdeg_per_s3) {
+  std::array<std::uint16_t, reg::axis_command::goal_jerk.offset + 2> words{};
   const protocol::SplitAngle target = protocol::split_turns(target_udeg);
   protocol::put_s32(&words[reg::axis_command::goal_angle.offset], target.angle_udeg);
   protocol::put_s32(&words[reg::axis_command::goal_turns.offset], target.turns);
@@ -229,7 +231,11 @@ tl::expected<void, LinkError> ControllerLink::write_axis_command(std::uint16_t c
   words[reg::axis_command::sequence.offset] = sequence;
   words[reg::axis_command::command.offset] = command;
   words[reg::axis_command::session.offset] = token_;
-  const std::size_t count = token_ != 0 ? words.size() : words.size() - 1;  // unknown to a controller without sessions
+  protocol::put_u32(&words[reg::axis_command::goal_jerk.offset], jerk_mdeg_per_s3);
+  // A controller without sessions knows no token, one without bit 4 of `features` no jerk.
+  const std::size_t count = jerk_mdeg_per_s3 != 0 ? words.size()
+                            : token_ != 0         ? reg::axis_command::session.offset + std::size_t{1}
+                                                  : reg::axis_command::session.offset;
   return with_retries(
       [&] { return transport_->write_holding(groups::axis_command.base, std::span(words).first(count)); });
 }

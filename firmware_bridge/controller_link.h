@@ -41,7 +41,8 @@ class ControllerLink {
   /// A lease that ends lease_ms from now at the latest, whichever attempt gets through.
   tl::expected<void, LinkError> write_lease(int laser, std::int64_t lease_ms);
   tl::expected<void, LinkError> write_axis_command(std::uint16_t command, std::uint16_t sequence,
-                                                   std::int64_t target_udeg, std::uint32_t speed_udeg_per_s);
+                                                   std::int64_t target_udeg, std::uint32_t speed_udeg_per_s,
+                                                   std::uint32_t jerk_mdeg_per_s3);
 
   /// From now on leases and commands carry this token; 0: none.
   void use_token(std::uint16_t token) { token_ = token; }

@@ -146,7 +146,9 @@ Exception ControllerCore::write_axis(int index, std::uint16_t offset, std::uint1
     if (result != Exception::none) return result;
     axis.last_sequence = sequence;
   }
-  block[reg::axis_command::session.offset] = 0;  // of one write, and nobody else's to read
+  // Of one write: the token is nobody else's to read, and a host that knows no jerk means none.
+  block[reg::axis_command::session.offset] = 0;
+  protocol::put_u32(block + reg::axis_command::goal_jerk.offset, 0);
   for (int i = 0; i < 16; ++i) axis.command[i] = block[i];
   return Exception::none;
 }

@@ -299,7 +299,7 @@ void DrivePlant::home(int, std::uint64_t now) {
 }
 
 void DrivePlant::move(int, std::int64_t target_udeg, std::uint32_t speed_udeg_per_s,
-                      std::uint32_t acceleration_udeg_per_s2, std::uint64_t now) {
+                      std::uint32_t acceleration_udeg_per_s2, std::uint32_t /*jerk_mdeg_per_s3*/, std::uint64_t now) {
   const DriveProfile& profile = machine_.drive;
   const double step_udeg = std::abs(udeg_per_step());
   // In range: the transport asked before the core took the command.

@@ -115,7 +115,8 @@
   X(axis_command, goal_acceleration, 6, u32, 1, "udeg/s2")      \
   X(axis_command, sequence, 8, u16, 1, "count")                 \
   X(axis_command, command, 9, u16, 1, "command")                \
-  X(axis_command, session, 10, u16, 1, "")
+  X(axis_command, session, 10, u16, 1, "")                      \
+  X(axis_command, goal_jerk, 11, u32, 1, "mdeg/s3")
 
 namespace celadon {
 
@@ -170,7 +171,7 @@ inline constexpr std::uint16_t kSimulated = 1;
 inline constexpr std::uint16_t kHasWatchdog = 1, kHasInterlock = 2, kHasEmergencyStop = 4, kHasKeySwitch = 8,
                                kHasRemoteInterlock = 16, kHasEmissionIndicator = 32, kHasRemoteEnable = 64;
 // Bits of axis_capabilities.features.
-inline constexpr std::uint16_t kEndless = 1, kHasIndex = 2, kClosedLoop = 4, kStampedByHost = 8;
+inline constexpr std::uint16_t kEndless = 1, kHasIndex = 2, kClosedLoop = 4, kStampedByHost = 8, kTakesJerk = 16;
 // Values of capabilities.laser_class.
 inline constexpr std::uint16_t kClass1 = 1, kClass2 = 2, kClass3R = 3, kClass3B = 4;
 // Values of axis_capabilities.kind; further kinds come with minor versions.

@@ -24,7 +24,7 @@ constexpr std::int64_t kPollPeriod_ns = 20 * kMillisecond_ns;
 constexpr std::int64_t kHomingLimit_ns = 120'000 * kMillisecond_ns;
 constexpr std::int64_t kStartLimit_ns = 2'000 * kMillisecond_ns;
 constexpr std::int64_t kDarkLimit_ns = 500 * kMillisecond_ns;
-constexpr double kUdeg_per_rad = 180e6 / std::numbers::pi;
+constexpr double kUdeg_per_rad = 180e6 / std::numbers::pi, kMdeg_per_rad = 180e3 / std::numbers::pi;
 // Where a controller claims to stand on its target but is further away, steps were lost or someone else moved it.
 constexpr double kOnTarget_rad = 0.05 * std::numbers::pi / 180;
 
@@ -74,6 +74,8 @@ struct ScannerDevice::Impl {
   bool position_is_lost = false;      // since such a jump
 
   std::function<std::optional<std::string>()> interrupted;  // the owner's wish to end a motion early
+
+  MotionLimits limits;
 
   std::int64_t session_due_ns = 0;  // when the token has to be written again
 
@@ -292,8 +294,9 @@ struct ScannerDevice::Impl {
   }
 
   tl::expected<void, DeviceError> command(const std::string& operation, std::uint16_t code,
-                                          std::int64_t target_udeg = 0, std::uint32_t speed_udeg_per_s = 0) {
-    auto sent = link.write_axis_command(code, next_sequence(), target_udeg, speed_udeg_per_s);
+                                          std::int64_t target_udeg = 0, std::uint32_t speed_udeg_per_s = 0,
+                                          std::uint32_t jerk_mdeg_per_s3 = 0) {
+    auto sent = link.write_axis_command(code, next_sequence(), target_udeg, speed_udeg_per_s, jerk_mdeg_per_s3);
     if (!sent) return tl::unexpected(failure(operation, std::move(sent.error())));
     return {};
   }
@@ -304,13 +307,22 @@ struct ScannerDevice::Impl {
     const double max_speed_udeg = std::round(capabilities.max_speed_rad_per_s * kUdeg_per_rad);
     if (!(std::abs(target_udeg) < 1e15))
       return tl::unexpected(error(Kind::refused, operation, "the angle is no position the axis can count to"));
+    if (angle_rad < limits.lowest_rad || angle_rad > limits.highest_rad) {
+      const bool low = angle_rad < limits.lowest_rad;
+      return tl::unexpected(error(Kind::refused, operation,
+                                  "the target is " +
+                                      std::string(low ? "below the soft limit of " : "beyond the soft limit of ") +
+                                      degrees(low ? limits.lowest_rad : limits.highest_rad),
+                                  "stay between " + degrees(limits.lowest_rad) + " and " + degrees(limits.highest_rad) +
+                                      ", home again where turns have added up, or set the limits wider"));
+    }
     if (!(speed_udeg >= 1 && speed_udeg <= max_speed_udeg))
       return tl::unexpected(error(Kind::refused, operation,
                                   "a speed of " + degrees(speed_rad_per_s) + "/s is outside what the axis can do",
                                   "give more than 0 and at most " + degrees(capabilities.max_speed_rad_per_s) + "/s"));
     if (auto ready = require(operation, {MotionState::standstill}); !ready) return ready;
     return command(operation, protocol::kMove, static_cast<std::int64_t>(target_udeg),
-                   static_cast<std::uint32_t>(speed_udeg));
+                   static_cast<std::uint32_t>(speed_udeg), jerk_mdeg_per_s3());
   }
 
   // What a motion that ended in another state than standstill has to say.
@@ -320,6 +332,17 @@ struct ScannerDevice::Impl {
     if (state == MotionState::unhomed)
       return tl::unexpected(error(Kind::wrong_state, operation, "it was stopped before it ended"));
     return tl::unexpected(fault_error(operation));
+  }
+
+  std::uint32_t jerk_mdeg_per_s3() const {
+    return static_cast<std::uint32_t>(std::lround(limits.jerk_rad_per_s3 * kMdeg_per_rad));
+  }
+
+  // How much longer than a trapezoid an S-curve takes, at most.
+  double rounding_s() const {
+    if (limits.jerk_rad_per_s3 <= 0) return 0;
+    return 2 * std::min(capabilities.max_acceleration_rad_per_s2 / limits.jerk_rad_per_s3,
+                        std::sqrt(capabilities.max_speed_rad_per_s / limits.jerk_rad_per_s3));
   }
 
   double stopping_s() const { return capabilities.max_speed_rad_per_s / capabilities.max_acceleration_rad_per_s2; }
@@ -433,6 +456,33 @@ std::size_t ScannerDevice::take_trace(std::span<TraceSample> samples) {
   return impl_->link.take_trace(samples);
 }
 
+tl::expected<void, DeviceError> ScannerDevice::set_motion_limits(const MotionLimits& limits) {
+  Impl& d = *impl_;
+  const std::string operation = "set the limits of motion";
+  if (!(limits.lowest_rad < limits.highest_rad))
+    return tl::unexpected(d.error(
+        Kind::refused, operation,
+        "the lower soft limit is " + degrees(limits.lowest_rad) + " and the upper " + degrees(limits.highest_rad),
+        "give a lower one below the upper"));
+  const double jerk_mdeg = std::round(limits.jerk_rad_per_s3 * kMdeg_per_rad);
+  if (!(jerk_mdeg >= 0 && jerk_mdeg <= 4294967295.0) || (jerk_mdeg < 1 && limits.jerk_rad_per_s3 > 0))
+    return tl::unexpected(d.error(Kind::refused, operation,
+                                  "a jerk of " + degrees(limits.jerk_rad_per_s3) + "/s3 is none",
+                                  "give 0 for trapezoids, or 0.001 to 4294967 deg/s3"));
+  if (jerk_mdeg > 0 && !d.capabilities.takes_jerk)
+    return tl::unexpected(d.error(Kind::refused, operation, "the controller moves by trapezoids only",
+                                  "leave the jerk out, or update the controller to protocol 1.2"));
+  d.limits = limits;
+  return {};
+}
+
+double ScannerDevice::run_up_rad(double speed_rad_per_s) const {
+  const double v = std::abs(speed_rad_per_s), a = impl_->capabilities.max_acceleration_rad_per_s2,
+               j = impl_->limits.jerk_rad_per_s3;
+  if (j <= 0) return v * v / (2 * a);
+  return v * j >= a * a ? v * v / (2 * a) + v * a / (2 * j) : v * std::sqrt(v / j);
+}
+
 void ScannerDevice::set_interrupt(std::function<std::optional<std::string>()> interrupted) {
   impl_->interrupted = std::move(interrupted);
 }
@@ -452,7 +502,8 @@ tl::expected<DeviceStatus, DeviceError> ScannerDevice::rotate_to(double angle_ra
   Impl& d = *impl_;
   if (auto sent = d.send_move(operation, angle_rad, speed_rad_per_s); !sent)
     return tl::unexpected(std::move(sent.error()));
-  const double turn_s = std::abs(angle_rad - d.last->status.angle_rad) / speed_rad_per_s + d.stopping_s();
+  const double turn_s =
+      std::abs(angle_rad - d.last->status.angle_rad) / speed_rad_per_s + d.stopping_s() + d.rounding_s();
   const std::int64_t limit_ns = nanoseconds(1.5 * turn_s + 5);
   if (auto ended = d.finish_motion(operation, limit_ns); !ended) return tl::unexpected(std::move(ended.error()));
   const double off_rad = d.last->status.angle_rad - angle_rad;

@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -29,6 +30,7 @@ struct DeviceCapabilities {
   int axes = 1, lasers = 1;
   bool endless_rotation = true;
   double travel_rad = 0;         ///< 0 if endless
+  bool takes_jerk = false;       ///< moves may be S-curves
   bool stamped_by_host = false;  ///< position_time_us is when the sample was read, not when it was taken
   double encoder_resolution_rad = 0, max_speed_rad_per_s = 0, max_acceleration_rad_per_s2 = 0;
   int laser_class = 2;          ///< 1, 2, 3 (3R), 4 (3B) as printed in PROTOCOL.md; read-only identity
@@ -62,6 +64,13 @@ struct DeviceStatus {
   std::uint16_t boot_id = 0;            ///< changes with every start of the controller
   std::uint64_t uptime_us = 0;          ///< controller's clock when it replied
   std::int64_t host_before_ns = 0, host_after_ns = 0;  ///< around the exchange
+};
+
+/// How moves go from now on: where to, and how gently.
+struct MotionLimits {
+  double lowest_rad = -std::numeric_limits<double>::infinity();  ///< soft limits: no target beyond them
+  double highest_rad = std::numeric_limits<double>::infinity();
+  double jerk_rad_per_s3 = 0;  ///< of S-curves; 0: trapezoids
 };
 
 /// How well the link to the controller works, since it was opened.
@@ -106,6 +115,12 @@ class ScannerDevice {
   bool changed();
   /// Position samples that the controller sent by itself since the last call, oldest first; none where it does not.
   std::size_t take_trace(std::span<TraceSample> samples);
+
+  /// Refused where lowest_rad is not below highest_rad, or for a jerk that the controller does not take.
+  tl::expected<void, DeviceError> set_motion_limits(const MotionLimits& limits);
+  /// The way that the axis needs from rest to a speed, or from it to rest: v^2 / 2a, with a jerk j va / 2j more where
+  /// vj >= a^2, else v sqrt(v / j).
+  double run_up_rad(double speed_rad_per_s) const;
 
   /// Asked at every poll while home() and rotate_to() wait. Where it gives a reason, they stop the motor, turn the
   /// lasers off and return Kind::interrupted with it as the cause.

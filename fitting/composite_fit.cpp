@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "fitting/fit_report.h"
+#include "fitting/moved_stream.h"
 #include "fitting/spherical_stream.h"
 #include "fitting/window_stream.h"
 
@@ -30,35 +31,33 @@ struct PieceEnd {
 class Piece {
  public:
   /// A wall of the body.
-  Piece(ProfileStream& samples, std::string name, const PieceEnd& low, const PieceEnd& high)
-      : name_(std::move(name)),
-        low_(low),
-        high_(high),
-        window_(samples, low.height_mm ? *low.height_mm + low.edge_mm : -kInfinity,
-                high.height_mm ? *high.height_mm - high.edge_mm : kInfinity) {}
+  Piece(ProfileParts samples, std::string name, const PieceEnd& low, const PieceEnd& high)
+      : name_(std::move(name)), low_(low), high_(high) {
+    add_windows(samples, low.height_mm ? *low.height_mm + low.edge_mm : -kInfinity,
+                high.height_mm ? *high.height_mm - high.edge_mm : kInfinity);
+  }
   /// A head about the axis' point at that height.
-  Piece(ProfileStream& samples, bool top, double centre_mm)
-      : name_(top ? "the head above" : "the head below"),
-        window_(samples, top ? std::nextafter(centre_mm, kInfinity) : -kInfinity,
-                top ? kInfinity : std::nextafter(centre_mm, -kInfinity)),
-        head_(std::in_place, window_, centre_mm),
-        centre_mm_(centre_mm),
-        top_(top) {}
+  Piece(ProfileParts samples, bool top, double centre_mm)
+      : name_(top ? "the head above" : "the head below"), head_(true), centre_mm_(centre_mm), top_(top) {
+    add_windows(samples, top ? std::nextafter(centre_mm, kInfinity) : -kInfinity,
+                top ? kInfinity : std::nextafter(centre_mm, -kInfinity));
+  }
   Piece(const Piece&) = delete;
   Piece& operator=(const Piece&) = delete;
 
   const std::string& name() const { return name_; }
-  bool head() const { return head_.has_value(); }
+  bool head() const { return head_; }
   bool top() const { return top_; }
   double centre_mm() const { return centre_mm_; }
-  ProfileStream& stream() { return head_ ? static_cast<ProfileStream&>(*head_) : window_; }
+  ProfileParts parts() const { return parts_; }
 
   /// The piece by itself; its surface reaches the heights at its ends.
-  tl::expected<SurfaceFit, FitError> fit(RangeFitOptions options) {
+  tl::expected<SurfaceFit, FitError> fit(RangeFitOptions options, const Executor& executor) {
     options.base = head_ ? BaseKind::sphere : BaseKind::cylinder;
     const auto named = [&](const FitError& error) { return tl::unexpected(FitError{name_ + ": " + error.message}); };
     options.reach_start = options.reach_end = std::nullopt;
-    auto grid = choose_grid(stream(), options);
+    JoinedStream all(parts_);
+    auto grid = choose_grid(all, options);
     if (!grid) return named(grid.error());
     if (head_) {
       (top_ ? options.reach_end : options.reach_start) = kEquator;
@@ -70,9 +69,8 @@ class Piece {
       grid->z_start_mm = low_.height_mm.value_or(grid->z_start_mm);
       grid->z_end_mm = high_.height_mm.value_or(grid->z_end_mm);
     }
-    const GatheredSamples gathered = gather(stream(), *grid);
-    ProfileStream* const whole[] = {&stream()};
-    auto fitted = fit_surface(gathered.sums, gathered.look, whole, options);
+    const GatheredSamples gathered = gather(parts_, *grid, executor);
+    auto fitted = fit_surface(gathered.sums, gathered.look, parts_, options, executor);
     if (!fitted) return named(fitted.error());
     if (head_) {
       const RangeFunction& f = fitted->fit.function;
@@ -85,16 +83,25 @@ class Piece {
   }
 
  private:
+  void add_windows(ProfileParts samples, double lowest_mm, double highest_mm) {
+    for (ProfileStream* part : samples) {
+      streams_.push_back(std::make_unique<WindowStream>(*part, lowest_mm, highest_mm));
+      if (head_) streams_.push_back(std::make_unique<SphericalStream>(*streams_.back(), centre_mm_));
+      parts_.push_back(streams_.back().get());
+    }
+  }
+
   std::string name_;
   PieceEnd low_, high_;
-  WindowStream window_;
-  std::optional<SphericalStream> head_;
+  std::vector<std::unique_ptr<ProfileStream>> streams_;
+  std::vector<ProfileStream*> parts_;
+  bool head_ = false;
   double centre_mm_ = 0;
   bool top_ = false;
 };
 
 /// From bottom to top.
-std::vector<std::unique_ptr<Piece>> pieces_of(ProfileStream& samples, const CompositeSplit& split,
+std::vector<std::unique_ptr<Piece>> pieces_of(ProfileParts samples, const CompositeSplit& split,
                                               const RangeFitOptions& options) {
   std::vector<PieceEnd> ends = {{split.below_mm ? split.below_mm : options.reach_start, 0}};
   for (const Shoulder& shoulder : split.shoulders) {
@@ -169,11 +176,17 @@ std::optional<FitError> refuse(const CompositeSplit& split, const RangeFitOption
 
 tl::expected<CompositeFit, FitError> fit_composite(ProfileStream& samples, const CompositeSplit& split,
                                                    const RangeFitOptions& options) {
+  ProfileStream* const whole[] = {&samples};
+  return fit_composite(whole, split, options, run_in_turn);
+}
+
+tl::expected<CompositeFit, FitError> fit_composite(ProfileParts samples, const CompositeSplit& split,
+                                                   const RangeFitOptions& options, const Executor& executor) {
   if (auto error = refuse(split, options)) return tl::unexpected(*error);
   const auto pieces = pieces_of(samples, split, options);
   std::vector<SurfaceFit> fits;
   for (const auto& piece : pieces) {
-    auto fit = piece->fit(options);
+    auto fit = piece->fit(options, executor);
     if (!fit) return tl::unexpected(fit.error());
     fits.push_back(std::move(*fit));
   }
@@ -211,9 +224,8 @@ tl::expected<CompositeFit, FitError> fit_composite(ProfileStream& samples, const
   SurfaceErrors missed;
   for (std::size_t k = 0; k < fits.size(); ++k) {
     describe_joined(fits[k].fit);
-    ProfileStream* const whole[] = {&pieces[k]->stream()};
     SurfaceErrors of_piece;
-    RangeFit fit = measure_errors(std::move(fits[k]), whole, run_in_turn, &of_piece);
+    RangeFit fit = measure_errors(std::move(fits[k]), pieces[k]->parts(), executor, &of_piece);
     missed.merge(of_piece);
     all.points += fit.report.points;
     all.rejected += fit.report.rejected;

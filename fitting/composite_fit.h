@@ -43,6 +43,10 @@ struct CompositeFit {
 /// pieces alike, reach_start and reach_end for walls without a head; `options.base` is not looked at. Errors: no split,
 /// splits not ascending or beyond the samples, an open range of angles, degree 1 along pieces that a head joins, walls
 /// that cross at a shoulder, and those of fit_surface, with the piece named.
+/// The same parts give the same bits whatever the executor.
+tl::expected<CompositeFit, FitError> fit_composite(ProfileParts samples, const CompositeSplit& split,
+                                                   const RangeFitOptions& options, const Executor& executor);
+/// The same of one stream, in turn.
 tl::expected<CompositeFit, FitError> fit_composite(ProfileStream& samples, const CompositeSplit& split,
                                                    const RangeFitOptions& options = {});
 

@@ -11,13 +11,13 @@
 namespace celadon {
 namespace {
 
-constexpr std::size_t kPoints = FirstLook::kSamples;
-constexpr int kSectors = 16;
+constexpr std::size_t kShoulderPoints = FirstLook::kSamples;
+constexpr int kRingSectors = 16;
 // A row of an even scan has so many samples. Heights are looked at within so many rows of a step, the outer half of
 // which shows the walls, and within twice as many again while its edges reach as far.
 constexpr double kPerRow = 160, kReachRows = 24;
 constexpr int kWider = 3;
-constexpr double kFewestRows = 24, kMostRows = 1000;
+constexpr double kFewestLevels = 24, kMostLevels = 1000;
 // Shares of the jump between which a sample lies on the ring, not on a wall's edge.
 constexpr double kRingFrom = 0.2, kRingTo = 0.8;
 constexpr std::size_t kFewestOnRing = 12;
@@ -25,11 +25,11 @@ constexpr std::size_t kFewestOnRing = 12;
 // of the samples of half a row is off.
 constexpr double kOffScales = 4, kOffShare = 0.1;
 constexpr int kQuietBins = 2;
-constexpr double kMargin = 1.5;     // of the edge, whose last samples are nearly as good as on the wall
-constexpr double kLeastJump = 0.1;  // of a sector, as a share of the median jump: less shows no ring
+constexpr double kEdgeMargin = 1.5;  // of the edge, whose last samples are nearly as good as on the wall
+constexpr double kLeastJump = 0.1;   // of a sector, as a share of the median jump: less shows no ring
 constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 
-double middle_of(std::vector<double>& of) {
+double middle_value(std::vector<double>& of) {
   if (of.empty()) return kUnknown;
   const auto at = of.begin() + static_cast<std::ptrdiff_t>(of.size() / 2);
   std::nth_element(of.begin(), at, of.end());
@@ -38,30 +38,30 @@ double middle_of(std::vector<double>& of) {
 
 double scatter_of(std::vector<double> of, double middle) {
   for (double& value : of) value = std::abs(value - middle);
-  return of.empty() ? 0 : 1.4826 * middle_of(of);
+  return of.empty() ? 0 : 1.4826 * middle_value(of);
 }
 
 struct Sample {
   double r, theta, z;
   std::size_t sector() const {
     const double turn = theta / (2 * std::numbers::pi) - std::floor(theta / (2 * std::numbers::pi));
-    return std::min(static_cast<std::size_t>(turn * kSectors), std::size_t{kSectors - 1});
+    return std::min(static_cast<std::size_t>(turn * kRingSectors), std::size_t{kRingSectors - 1});
   }
 };
 
 /// An even choice of the samples, by height.
-struct Samples {
+struct SortedSamples {
   std::vector<Sample> sorted;
   double row_mm = 0;
 
-  explicit Samples(ProfileStream& stream) {
-    const Eigen::Matrix3Xd points = even_points(stream, kPoints);
+  explicit SortedSamples(ProfileStream& stream) {
+    const Eigen::Matrix3Xd points = even_points(stream, kShoulderPoints);
     for (Eigen::Index k = 0; k < points.cols(); ++k)
       sorted.push_back({std::hypot(points(0, k), points(1, k)), std::atan2(points(1, k), points(0, k)), points(2, k)});
     std::sort(sorted.begin(), sorted.end(), [](const Sample& a, const Sample& b) { return a.z < b.z; });
     if (!sorted.empty())
       row_mm = (sorted.back().z - sorted.front().z) /
-               std::clamp(static_cast<double>(sorted.size()) / kPerRow, kFewestRows, kMostRows);
+               std::clamp(static_cast<double>(sorted.size()) / kPerRow, kFewestLevels, kMostLevels);
   }
 
   std::span<const Sample> between(double low, double high) const {
@@ -80,41 +80,41 @@ struct WallSide {
 
   WallSide(std::span<const Sample> samples, double height_mm) {
     if (samples.empty()) {
-      range.assign(kSectors, kUnknown);
+      range.assign(kRingSectors, kUnknown);
       return;
     }
     const double middle = (samples.front().z + samples.back().z) / 2;
-    std::vector<std::vector<double>> low(kSectors), high(kSectors), all(kSectors);
+    std::vector<std::vector<double>> low(kRingSectors), high(kRingSectors), all(kRingSectors);
     for (const Sample& s : samples) (s.z < middle ? low : high)[s.sector()].push_back(s.r);
     std::vector<double> slopes;
-    for (std::size_t k = 0; k < kSectors; ++k)
-      if (!low[k].empty() && !high[k].empty()) slopes.push_back(middle_of(high[k]) - middle_of(low[k]));
-    if (!slopes.empty()) slope = 2 * middle_of(slopes) / std::max(samples.back().z - samples.front().z, 1e-300);
+    for (std::size_t k = 0; k < kRingSectors; ++k)
+      if (!low[k].empty() && !high[k].empty()) slopes.push_back(middle_value(high[k]) - middle_value(low[k]));
+    if (!slopes.empty()) slope = 2 * middle_value(slopes) / std::max(samples.back().z - samples.front().z, 1e-300);
     for (const Sample& s : samples) all[s.sector()].push_back(s.r - slope * (s.z - height_mm));
     std::vector<double> scatters;
     for (auto& sector : all) {
-      range.push_back(middle_of(sector));
+      range.push_back(middle_value(sector));
       if (!sector.empty()) scatters.push_back(scatter_of(sector, range.back()));
     }
-    scatter = middle_of(scatters);
+    scatter = middle_value(scatters);
   }
 };
 
 /// What the samples about one step say. `low` and `high` keep away from the neighbouring steps.
 class Ring {
  public:
-  Ring(const Samples& samples, double z, double low, double high)
+  Ring(const SortedSamples& samples, double z, double low, double high)
       : near_(samples.between(low, high)),
         bin_mm_(samples.row_mm / 2),
         middle_mm_(z),
         below_(samples.between(low, (low + z) / 2), z),
         above_(samples.between((high + z) / 2, high), z) {
     std::vector<double> jumps;
-    for (std::size_t k = 0; k < kSectors; ++k) {
+    for (std::size_t k = 0; k < kRingSectors; ++k) {
       const double jump = above_.range[k] - below_.range[k];
       if (std::isfinite(jump)) jumps.push_back(jump);
     }
-    jump_ = jumps.empty() ? 0 : middle_of(jumps);
+    jump_ = jumps.empty() ? 0 : middle_value(jumps);
   }
 
   double jump() const { return jump_; }
@@ -128,7 +128,7 @@ class Ring {
   void place(Shoulder& shoulder) const {
     std::vector<double> on_ring = heights_on_ring();
     if (on_ring.size() >= kFewestOnRing) {
-      shoulder.height_mm = middle_of(on_ring);
+      shoulder.height_mm = middle_value(on_ring);
       // The median of n: sqrt(pi/2) times the standard deviation of the mean.
       shoulder.sd_mm = std::sqrt(std::numbers::pi / 2 / static_cast<double>(on_ring.size())) *
                        scatter_of(on_ring, shoulder.height_mm);
@@ -156,6 +156,8 @@ class Ring {
     const double open_mm = std::min(2 * spacing, near_[above].z - near_[above - 1].z);
     shoulder.height_mm = outer_above ? outer.front().z - open_mm / 2 : outer.back().z + open_mm / 2;
     shoulder.sd_mm = open_mm / std::sqrt(12.0);
+    // Rows beside the edge may show a little of both walls, or of the ring.
+    shoulder.edge_mm = open_mm;
   }
 
   /// What the samples show about the ring at its height.
@@ -164,7 +166,8 @@ class Ring {
     std::vector<double> on_ring = heights_on_ring();
     shoulder.seen = on_ring.size();
     shoulder.scatter_mm = scatter_of(on_ring, shoulder.height_mm);
-    shoulder.edge_mm = kMargin * std::max(edge(shoulder.height_mm, false), edge(shoulder.height_mm, true));
+    shoulder.edge_mm = std::max(
+        shoulder.edge_mm, kEdgeMargin * std::max(edge(shoulder.height_mm, false), edge(shoulder.height_mm, true)));
   }
 
  private:
@@ -213,7 +216,7 @@ class Ring {
 
 /// `place` says whether there is a shoulder, and may put it elsewhere.
 template <class Place>
-std::vector<Shoulder> look_at(const Samples& samples, std::span<const double> heights, const Place& place) {
+std::vector<Shoulder> look_at(const SortedSamples& samples, std::span<const double> heights, const Place& place) {
   std::vector<Shoulder> shoulders;
   for (std::size_t k = 0; k < heights.size(); ++k) {
     const double z = heights[k];
@@ -238,7 +241,7 @@ std::vector<Shoulder> look_at(const Samples& samples, std::span<const double> he
 }  // namespace
 
 std::vector<Shoulder> find_shoulders(ProfileStream& stream) {
-  const Samples samples(stream);
+  const SortedSamples samples(stream);
   if (samples.sorted.empty()) return {};
   const BaseArcs arcs = BaseArcs::full_circle();
   std::vector<SamplePoint> points;
@@ -256,7 +259,7 @@ std::vector<Shoulder> find_shoulders(ProfileStream& stream) {
 }
 
 std::vector<Shoulder> shoulders_at(ProfileStream& stream, std::span<const double> heights_mm) {
-  return look_at(Samples(stream), heights_mm, [](const Ring&, Shoulder&) { return true; });
+  return look_at(SortedSamples(stream), heights_mm, [](const Ring&, Shoulder&) { return true; });
 }
 
 }  // namespace celadon

@@ -84,6 +84,7 @@ void DeviceModel::boot() {
   c.axis[0].max_speed_udeg_per_s = static_cast<std::uint32_t>(to_udeg(config_.turntable.max_speed_rad_per_s));
   c.axis[0].max_acceleration_udeg_per_s2 =
       static_cast<std::uint32_t>(to_udeg(config_.turntable.max_acceleration_rad_per_s2));
+  c.axis[0].features |= protocol::kTakesJerk;
   core_.emplace(c, static_cast<Plant&>(*this), ++boots_, std::uint64_t{0});
 }
 
@@ -180,8 +181,10 @@ void DeviceModel::home(int /*axis*/, std::uint64_t /*now_us*/) {
   table_.home(now_ns_);
 }
 void DeviceModel::move(int /*axis*/, std::int64_t target_udeg, std::uint32_t speed_udeg_per_s,
-                       std::uint32_t acceleration_udeg_per_s2, std::uint64_t /*now_us*/) {
-  table_.move(from_udeg(target_udeg), from_udeg(speed_udeg_per_s), from_udeg(acceleration_udeg_per_s2), now_ns_);
+                       std::uint32_t acceleration_udeg_per_s2, std::uint32_t jerk_mdeg_per_s3,
+                       std::uint64_t /*now_us*/) {
+  table_.move(from_udeg(target_udeg), from_udeg(speed_udeg_per_s), from_udeg(acceleration_udeg_per_s2), now_ns_,
+              from_udeg(std::int64_t{jerk_mdeg_per_s3} * 1000));
 }
 void DeviceModel::stop(int /*axis*/, std::uint64_t /*now_us*/) {
   table_.stop(now_ns_);

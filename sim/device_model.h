@@ -117,7 +117,7 @@ class DeviceModel final : private Plant {
   AxisSample axis(int axis, std::uint64_t now_us) override;
   void home(int axis, std::uint64_t now_us) override;
   void move(int axis, std::int64_t target_udeg, std::uint32_t speed_udeg_per_s, std::uint32_t acceleration_udeg_per_s2,
-            std::uint64_t now_us) override;
+            std::uint32_t jerk_mdeg_per_s3, std::uint64_t now_us) override;
   void stop(int axis, std::uint64_t now_us) override;
   void release(int axis, std::uint64_t now_us) override;
   void set_lasers(std::uint16_t mask, std::uint64_t now_us) override;

@@ -28,25 +28,38 @@ double Turntable::encoder_quantum_rad() const {
 Turntable::State Turntable::motor(std::int64_t now_ns) const {
   std::size_t i = segments_.size();
   while (i > 1 && segments_[i - 1].begin_ns > now_ns) --i;
-  const Segment& s = segments_[i - 1];
-  if (s.speed == 0 && s.acceleration == 0) return {s.position, 0, 0};
-  const double t = seconds(now_ns - s.begin_ns);
-  return {s.position + t * (s.speed + 0.5 * t * s.acceleration), s.speed + t * s.acceleration, s.acceleration};
+  return after(segments_[i - 1], now_ns);
 }
 
-// The table lags its motor by y, y'' + 2/tau y' + w0^2 y = motor's acceleration: the sum of the step responses to its
-// jumps.
+Turntable::State Turntable::after(const Segment& s, std::int64_t now_ns) const {
+  if (s.speed == 0 && s.acceleration == 0 && s.jerk == 0) return {s.position, 0, 0};
+  const double t = seconds(now_ns - s.begin_ns);
+  return {s.position + t * (s.speed + t * (s.acceleration / 2 + t * s.jerk / 6)),
+          s.speed + t * (s.acceleration + t * s.jerk / 2), s.acceleration + t * s.jerk};
+}
+
+// The table lags its motor by y, y'' + 2 d y' + w0^2 y = motor's acceleration: the sum of the step responses to the
+// jumps of that, s(t) = (1 - exp(-d t) (cos wt + d/w sin wt)) / w0^2, and of their integrals for the jumps of its
+// slope.
 Turntable::State Turntable::deflection(std::int64_t now_ns) const {
   if (config_.damping_time_s <= 0) return {0, 0, 0};
-  const double decay = 1 / config_.damping_time_s, w = kTwoPi * config_.resonance_hz,
-               w0_squared = w * w + decay * decay;
+  const double d = 1 / config_.damping_time_s, w = kTwoPi * config_.resonance_hz, w0_squared = w * w + d * d;
   State y{settled_jolts_ / w0_squared, 0, 0};
-  for (const auto& [at, jump] : jolts_) {
-    if (now_ns <= at) continue;
-    const double t = seconds(now_ns - at), e = std::exp(-decay * t), c = std::cos(w * t), s = std::sin(w * t);
-    y.position += jump / w0_squared * (1 - e * (c + decay / w * s));
-    y.speed += jump / w * e * s;
-  }
+  const auto each = [&](const std::vector<Change>& changes, auto add) {
+    for (const Change& change : changes) {
+      if (now_ns <= change.at_ns) continue;
+      const double t = seconds(now_ns - change.at_ns), e = std::exp(-d * t);
+      add(change.by, t, e * std::cos(w * t), e * std::sin(w * t));
+    }
+  };
+  each(jolts_, [&](double by, double, double c, double s) {
+    y.position += by / w0_squared * (1 - c - d / w * s);
+    y.speed += by / w * s;
+  });
+  each(ramps_, [&](double by, double t, double c, double s) {
+    y.position += by / w0_squared * (t - (2 * d - 2 * d * c + (w - d * d / w) * s) / w0_squared);
+    y.speed += by / w0_squared * (1 - c - d / w * s);
+  });
   return y;
 }
 
@@ -54,11 +67,16 @@ Turntable::State Turntable::deflection(std::int64_t now_ns) const {
 void Turntable::advance(std::int64_t now_ns) {
   const std::int64_t old = now_ns - 1'000'000'000 - static_cast<std::int64_t>(20e9 * config_.damping_time_s);
   while (segments_.size() > 1 && segments_[1].begin_ns <= old) segments_.erase(segments_.begin());
-  while (!jolts_.empty() && jolts_.front().first <= old) {  // their oscillation is over
-    settled_jolts_ += jolts_.front().second;
+  while (!jolts_.empty() && jolts_.front().at_ns <= old) {  // their oscillation is over
+    settled_jolts_ += jolts_.front().by;
     jolts_.erase(jolts_.begin());
   }
-  if (jolts_.empty()) settled_jolts_ = 0;  // rounding left over from jumps that cancel
+  // Slopes end before they are forgotten; what they leave is an acceleration.
+  if (!ramps_.empty() && ramps_.back().at_ns <= old) {
+    for (const Change& ramp : ramps_) settled_jolts_ += ramp.by * seconds(ramps_.back().at_ns - ramp.at_ns);
+    ramps_.clear();
+  }
+  if (jolts_.empty() && ramps_.empty()) settled_jolts_ = 0;  // rounding left over from changes that cancel
   if (homing_ && now_ns >= end_ns()) {
     homing_ = false;
     homed_ = true;
@@ -118,23 +136,36 @@ void Turntable::start(std::int64_t now_ns) {
   advance(now_ns);
   const State s = motor(now_ns);
   while (segments_.size() > 1 && segments_.back().begin_ns >= now_ns) segments_.pop_back();
-  while (!jolts_.empty() && jolts_.back().first > now_ns) jolts_.pop_back();
-  if (s.acceleration != 0) jolts_.emplace_back(now_ns, -s.acceleration);
+  double jerk = 0;
+  for (std::vector<Change>* changes : {&jolts_, &ramps_}) {
+    while (!changes->empty() && changes->back().at_ns > now_ns) changes->pop_back();
+  }
+  for (const Change& ramp : ramps_) jerk += ramp.by;
+  if (s.acceleration != 0) jolts_.push_back({now_ns, -s.acceleration});
+  if (jerk != 0) ramps_.push_back({now_ns, -jerk});
   segments_.push_back({now_ns, s.position, s.speed, 0});
 }
 
-void Turntable::append(double duration_s, double acceleration) {
+void Turntable::append(double duration_s, double acceleration, double jerk) {
   Segment& last = segments_.back();
-  const auto duration_ns = std::llround(duration_s * 1e9);
+  const double jump = acceleration - last.acceleration;
+  const std::int64_t end = last.begin_ns + std::llround(duration_s * 1e9);
   last.acceleration = acceleration;
-  const std::int64_t end = last.begin_ns + duration_ns;
-  if (acceleration != 0) {
-    jolts_.emplace_back(last.begin_ns, acceleration);
-    jolts_.emplace_back(end, -acceleration);
+  last.jerk = jerk;
+  if (jump != 0) jolts_.push_back({last.begin_ns, jump});
+  if (jerk != 0) {
+    ramps_.push_back({last.begin_ns, jerk});
+    ramps_.push_back({end, -jerk});
   }
-  const double t = duration_s;
-  const Segment next{end, last.position + t * (last.speed + 0.5 * t * acceleration), last.speed + t * acceleration, 0};
-  segments_.push_back(next);
+  const State next = after(last, end);
+  segments_.push_back({end, next.position, next.speed, next.acceleration});
+}
+
+// Exactly there, exactly standing, from the end of the plan on.
+void Turntable::stand_at(double position) {
+  Segment& last = segments_.back();
+  if (last.acceleration != 0) jolts_.push_back({last.begin_ns, -last.acceleration});
+  last = {last.begin_ns, position, 0, 0};
 }
 
 // From standing over a distance: up, along, down; a triangle if it is short.
@@ -146,16 +177,51 @@ void Turntable::append_trapezoid(double distance, double speed, double accelerat
   append(ramp, sign * acceleration);
   if (along > 0) append(along, 0);
   append(ramp, -sign * acceleration);
-  segments_.back() = {segments_.back().begin_ns, target, 0, 0};  // exactly there, exactly standing
+  stand_at(target);
 }
 
-void Turntable::move(double target_rad, double speed_rad_per_s, double acceleration_rad_per_s2, std::int64_t now_ns) {
+// From standing over a distance: the acceleration rises and falls with the jerk; a short way reaches neither the speed
+// nor, shorter still, the acceleration.
+void Turntable::append_s_curve(double distance, double speed, double acceleration, double jerk) {
+  if (distance == 0) return;
+  const double sign = distance < 0 ? -1 : 1, length = std::abs(distance), target = segments_.back().position + distance;
+  // Rising takes `rise`, getting to speed `ramp` = 2 rise + the time at the greatest acceleration.
+  double rise = speed * jerk >= acceleration * acceleration ? acceleration / jerk : std::sqrt(speed / jerk);
+  double ramp = rise + speed / (jerk * rise);
+  double along = length / speed - ramp;
+  if (along < 0) {
+    along = 0;
+    rise = acceleration / jerk;
+    ramp = 0.5 * rise + std::sqrt(0.25 * rise * rise + length / acceleration);
+    if (ramp < 2 * rise) {
+      rise = std::cbrt(0.5 * length / jerk);
+      ramp = 2 * rise;
+    }
+  }
+  const double top = sign * jerk * rise, slope = sign * jerk, flat = ramp - 2 * rise;
+  append(rise, 0, slope);
+  if (flat > 0) append(flat, top);
+  append(rise, top, -slope);
+  if (along > 0) append(along, 0);
+  append(rise, 0, -slope);
+  if (flat > 0) append(flat, -top);
+  append(rise, -top, slope);
+  stand_at(target);
+}
+
+void Turntable::move(double target_rad, double speed_rad_per_s, double acceleration_rad_per_s2, std::int64_t now_ns,
+                     double jerk_rad_per_s3) {
   start(now_ns);
   if (blocked_) {
     stalled_ = true;
     return;
   }
-  append_trapezoid(target_rad - encoder_offset_ - segments_.back().position, speed_rad_per_s, acceleration_rad_per_s2);
+  const double distance = target_rad - encoder_offset_ - segments_.back().position;
+  if (jerk_rad_per_s3 > 0) {
+    append_s_curve(distance, speed_rad_per_s, acceleration_rad_per_s2, jerk_rad_per_s3);
+  } else {
+    append_trapezoid(distance, speed_rad_per_s, acceleration_rad_per_s2);
+  }
 }
 
 void Turntable::home(std::int64_t now_ns) {
@@ -189,7 +255,7 @@ void Turntable::decelerate() {
   const double v = segments_.back().speed, a = config_.max_acceleration_rad_per_s2;
   if (v == 0) return;
   append(std::abs(v) / a, v > 0 ? -a : a);
-  segments_.back().speed = 0;
+  stand_at(segments_.back().position);
 }
 
 void Turntable::set_gear_error(double factor, std::int64_t now_ns) {

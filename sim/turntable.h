@@ -1,6 +1,7 @@
 #pragma once
-// The rotary axis as a machine: trapezoidal speed profiles of the motor, a table that follows through a flexible
-// coupling, backlash, an encoder with finite resolution and one index mark. Closed form in time between commands.
+// The rotary axis as a machine: trapezoidal and S-curve speed profiles of the motor, a table that follows through a
+// flexible coupling, backlash, an encoder with finite resolution and one index mark. Closed form in time between
+// commands.
 
 #include <cstdint>
 #include <vector>
@@ -29,8 +30,9 @@ class Turntable {
 
   explicit Turntable(const TurntableConfig& config);
 
-  /// Trapezoid to an encoder position. @pre standing; speed, acceleration > 0
-  void move(double target_rad, double speed_rad_per_s, double acceleration_rad_per_s2, std::int64_t now_ns);
+  /// Trapezoid to an encoder position, with a jerk above 0 an S-curve. @pre standing; speed, acceleration > 0
+  void move(double target_rad, double speed_rad_per_s, double acceleration_rad_per_s2, std::int64_t now_ns,
+            double jerk_rad_per_s3 = 0);
   /// Searches the index, passes it, returns to it; the encoder's position is 0 there.
   void home(std::int64_t now_ns);
   /// Decelerates to standing.
@@ -64,9 +66,13 @@ class Turntable {
   void set_backlash(double play_rad);
 
  private:
-  struct Segment {  ///< constant acceleration from an instant on
+  struct Segment {  ///< constant jerk from an instant on
     std::int64_t begin_ns;
-    double position, speed, acceleration;
+    double position, speed, acceleration, jerk = 0;
+  };
+  struct Change {  ///< of the acceleration, or of the jerk
+    std::int64_t at_ns;
+    double by;
   };
   struct State {
     double position, speed, acceleration;
@@ -77,17 +83,20 @@ class Turntable {
   double after_backlash(double motor_rad) const;
   void start(std::int64_t now_ns);
   void decelerate();
-  void append(double duration_s, double acceleration);
+  State after(const Segment& segment, std::int64_t now_ns) const;
+  void append(double duration_s, double acceleration, double jerk = 0);
   void append_trapezoid(double distance, double speed, double acceleration);
+  void append_s_curve(double distance, double speed, double acceleration, double jerk);
+  void stand_at(double position);
   std::int64_t end_ns() const { return segments_.back().begin_ns; }
 
   TurntableConfig config_;
-  std::vector<Segment> segments_;                       ///< last one stands
-  std::vector<std::pair<std::int64_t, double>> jolts_;  ///< instants and sizes of changes of acceleration
-  double settled_jolts_ = 0;                            ///< sum of the jumps whose oscillation is over
-  double play_ = 0;                                     ///< table minus motor, within +-backlash/2
-  double gear_ = 1, slip_ = 0;                          ///< table = gear * motor + slip + play
-  double encoder_offset_ = 0;                           ///< encoder position = motor position + offset
+  std::vector<Segment> segments_;      ///< last one stands
+  std::vector<Change> jolts_, ramps_;  ///< jumps of the acceleration, and of the jerk
+  double settled_jolts_ = 0;           ///< acceleration from changes whose oscillation is over
+  double play_ = 0;                    ///< table minus motor, within +-backlash/2
+  double gear_ = 1, slip_ = 0;         ///< table = gear * motor + slip + play
+  double encoder_offset_ = 0;          ///< encoder position = motor position + offset
   double pending_zero_ = 0;
   bool homing_ = false, homed_ = false, blocked_ = false, stalled_ = false;
 };

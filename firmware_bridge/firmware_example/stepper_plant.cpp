@@ -141,7 +141,8 @@ void StepperPlant::home(int, std::uint64_t now_us) {
 }
 
 void StepperPlant::move(int, std::int64_t target_udeg, std::uint32_t speed_udeg_per_s,
-                        std::uint32_t acceleration_udeg_per_s2, std::uint64_t now_us) {
+                        std::uint32_t acceleration_udeg_per_s2, std::uint32_t /*jerk_mdeg_per_s3*/,
+                        std::uint64_t now_us) {
   begin(Task::move, nearest_step(target_udeg), speed_udeg_per_s, acceleration_udeg_per_s2, now_us);
   if (position_ == target_) end_motion();
 }

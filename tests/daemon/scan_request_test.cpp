@@ -131,6 +131,10 @@ motor_turns_per_turn = -18.5
 max_speed_deg_per_s = 60
 max_acceleration_deg_per_s2 = 200
 homing = "mark"
+[motion]
+lowest_deg = -10
+highest_deg = 400.5
+jerk_deg_per_s3 = 2000
 )");
   Config config;
   const auto read = read_config(folder / "celadond.toml", config);
@@ -157,6 +161,9 @@ homing = "mark"
   EXPECT_EQ(config.drive->max_speed_deg_per_s, 60);
   EXPECT_EQ(config.drive->max_acceleration_deg_per_s2, 200);
   EXPECT_TRUE(config.drive->homes_at_mark);
+  EXPECT_EQ(config.motion.lowest_deg, -10);
+  EXPECT_EQ(config.motion.highest_deg, 400.5);
+  EXPECT_EQ(config.motion.jerk_deg_per_s3, 2000);
   config.device = "usb:";
   EXPECT_NE(check_config(config).error().message.find("[drive] needs"), std::string::npos);
 }
@@ -180,6 +187,7 @@ TEST(Config, NamesFileLineAndKey) {
       {"[button]\nkey = 3\n", "button.key is not known"},
       {"device = \"unterminated\n", "line 1"},
       {"camera = \"x\"\nstore = \"/home/j\xC3\xB6rg\"\n", "line 2, column 17: holds the byte 0xC3"},
+      {"[motion]\nsoft = 3\n", "line 2: motion.soft is not known"},
       {"[drive]\nprofile = 3\n", "drive.profile is not a text"},
       {"[drive]\nspeed = 3\n", "line 2: drive.speed is not known"},
       {"[drive]\nprofile = \"leadshine-rs\"\n", "[drive] lacks io_profile"},

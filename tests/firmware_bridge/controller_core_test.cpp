@@ -366,7 +366,7 @@ TEST(Start, LockedMachineWaitsForAPress) {
 
 TEST(Start, ResetInMotionStopsTheMotorAndResumesNothing) {
   TestPlant plant;
-  plant.move(0, 3'600'000'000, 90'000'000, 90'000'000, 0);
+  plant.move(0, 3'600'000'000, 90'000'000, 90'000'000, 0, 0);
   plant.lasers = 3;
   ControllerCore core(test_config(), plant, 2, 2'000'000);
   EXPECT_EQ(plant.lasers, 0);
@@ -437,6 +437,39 @@ TEST(Registers, UnmappedHalvedAndEmptyBlocksAreRefused) {
   EXPECT_EQ(b.write(0x002B, {0}), Exception::illegal_address);
   EXPECT_EQ(b.write(0x0030, {0, 0}), Exception::illegal_address);
   EXPECT_EQ(b.write(0x0020, {}), Exception::illegal_value);
+}
+
+// ---- jerk ----
+
+TEST(Jerk, GoesWithOneWriteAndOnlyWhereTheMachineTakesIt) {
+  CoreBench b;
+  b.home_and_wait();
+  std::vector<std::uint16_t> words(13);
+  protocol::put_u32(&words[4], 10'000'000);
+  words[0] = 100;
+  words[9] = protocol::kMove;
+  protocol::put_u32(&words[11], 5000);
+  EXPECT_EQ(b.write(protocol::groups::axis_command.base, words), Exception::illegal_value);
+  EXPECT_EQ(b.plant.moves, 0);
+  // Half of it is no value.
+  words.resize(12);
+  EXPECT_EQ(b.write(protocol::groups::axis_command.base, words), Exception::illegal_address);
+
+  ControllerConfig config = test_config();
+  config.axis[0].features |= protocol::kTakesJerk;
+  CoreBench takes(config);
+  takes.home_and_wait();
+  words.resize(13);
+  protocol::put_u32(&words[11], 70'000);
+  EXPECT_EQ(takes.write(protocol::groups::axis_command.base, words), Exception::none);
+  EXPECT_EQ(takes.plant.last_jerk, 70'000u);
+  takes.advance_polling_ms(3000);
+  // A host that knows no jerk gets the trapezoid it counts on.
+  words.resize(10);
+  words[0] = 200;
+  EXPECT_EQ(takes.write(protocol::groups::axis_command.base, words), Exception::none);
+  EXPECT_EQ(takes.plant.moves, 2);
+  EXPECT_EQ(takes.plant.last_jerk, 0u);
 }
 
 // ---- session ----

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <functional>
 #include <map>
 #include <numbers>
@@ -809,6 +810,74 @@ TEST(Lamp, ShowsWhatTheHostWants) {
     ASSERT_TRUE(s.device->set_lamp(pattern));
     EXPECT_EQ(s.device->poll()->lamp, pattern);
   }
+}
+
+// ---- soft limits and jerk ----
+
+ControllerConfig jerk_config() {
+  ControllerConfig config = test_config();
+  config.axis[0].features |= protocol::kTakesJerk;
+  return config;
+}
+
+TEST(MotionLimits, TargetsBeyondSoftLimitsAreRefusedHereByValueAndRemedy) {
+  Rig rig;
+  rig.open();
+  rig.home();
+  ASSERT_TRUE(rig.device->set_motion_limits({-10 * kDeg, 400 * kDeg, 0}));
+  ASSERT_TRUE(rig.device->rotate_to(-9 * kDeg, 90 * kDeg));
+  const int writes = rig.machine.writes;
+  for (const double deg : {400.5, 1e6, -10.001}) {
+    const auto refused = rig.device->rotate_to(deg * kDeg, 90 * kDeg);
+    ASSERT_FALSE(refused);
+    EXPECT_EQ(refused.error().kind, Kind::refused);
+    const std::string text = refused.error().message();
+    EXPECT_NE(text.find(deg > 0 ? "beyond the soft limit of 400.000 deg" : "below the soft limit of -10.000 deg"),
+              std::string::npos)
+        << text;
+    EXPECT_NE(text.find("stay between -10.000 deg and 400.000 deg"), std::string::npos) << text;
+    EXPECT_FALSE(rig.device->start_sweep(deg * kDeg, 90 * kDeg));
+  }
+  EXPECT_EQ(rig.machine.writes, writes);
+  EXPECT_TRUE(rig.device->rotate_to(400 * kDeg, 90 * kDeg));
+}
+
+TEST(MotionLimits, LimitsThatCannotBeAreRefused) {
+  Rig rig;
+  rig.open();
+  EXPECT_FALSE(rig.device->set_motion_limits({1, 1, 0}));
+  EXPECT_FALSE(rig.device->set_motion_limits({std::nan(""), 1, 0}));
+  EXPECT_FALSE(rig.device->set_motion_limits({0, 1, -1}));
+  EXPECT_FALSE(rig.device->set_motion_limits({0, 1, std::nan("")}));
+  const auto old = rig.device->set_motion_limits({0, 1, 5});
+  ASSERT_FALSE(old);
+  EXPECT_NE(old.error().message().find("by trapezoids only"), std::string::npos) << old.error().message();
+}
+
+TEST(MotionLimits, JerkGoesWithEachMoveAndOnlyWhereItIsWanted) {
+  Rig rig(Link::tcp, jerk_config());
+  rig.open();
+  rig.home();
+  const auto last_jerk = [&] { return rig.machine.with([](TestPlant& p, ControllerCore&) { return p.last_jerk; }); };
+  ASSERT_TRUE(rig.device->rotate_to(10 * kDeg, 90 * kDeg));
+  EXPECT_EQ(last_jerk(), 0u);
+  ASSERT_TRUE(rig.device->set_motion_limits({-10, 10, 1500 * kDeg}));
+  ASSERT_TRUE(rig.device->rotate_to(20 * kDeg, 90 * kDeg));
+  EXPECT_EQ(last_jerk(), 1'500'000u);
+  ASSERT_TRUE(rig.device->set_motion_limits({}));
+  ASSERT_TRUE(rig.device->rotate_to(10 * kDeg, 90 * kDeg));
+  EXPECT_EQ(last_jerk(), 0u);
+}
+
+TEST(MotionLimits, TheRunUpIsTheWayToSpeed) {
+  Rig rig(Link::tcp, jerk_config());
+  rig.open();
+  EXPECT_NEAR(rig.device->run_up_rad(45 * kDeg), 11.25 * kDeg, 1e-9);
+  // 45 deg/s at 90 deg/s^2 and 360 deg/s^3: 0.25 s up, 0.25 s along, 0.25 s down, on average half the speed.
+  ASSERT_TRUE(rig.device->set_motion_limits({-10, 10, 360 * kDeg}));
+  EXPECT_NEAR(rig.device->run_up_rad(45 * kDeg), 22.5 * 0.75 * kDeg, 1e-9);
+  // 10 deg/s: the acceleration is never reached; 2 sqrt(10 / 360) s.
+  EXPECT_NEAR(rig.device->run_up_rad(-10 * kDeg), 5 * 2 * std::sqrt(10. / 360) * kDeg, 1e-9);
 }
 
 }  // namespace

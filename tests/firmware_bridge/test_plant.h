@@ -58,8 +58,9 @@ class TestPlant final : public Plant {
   std::uint16_t dead_lasers = 0;   // emit nothing
   FaultCode input_fault = FaultCode::none, axis_fault = FaultCode::none;
   bool index_exists = true;
-  double drag = 1;       // moves take so many times longer than asked for
-  double slip_udeg = 0;  // the table stands this far from where the motor thinks
+  double drag = 1;              // moves take so many times longer than asked for
+  std::uint32_t last_jerk = 0;  // of the last move; it moves by trapezoids all the same
+  double slip_udeg = 0;         // the table stands this far from where the motor thinks
 
   // What the tests look at.
   std::uint16_t lasers = 0;
@@ -107,8 +108,9 @@ class TestPlant final : public Plant {
     const double now = static_cast<double>(now_us), from = motion_.position(now);
     motion_ = Trapezoid::to_target(now, from, from + kIndexAt, kHomingSpeed, kAcceleration);
   }
-  void move(int, std::int64_t target_udeg, std::uint32_t speed, std::uint32_t acceleration,
+  void move(int, std::int64_t target_udeg, std::uint32_t speed, std::uint32_t acceleration, std::uint32_t jerk,
             std::uint64_t now_us) override {
+    last_jerk = jerk;
     note_start();
     if (homes + moves == 0) first_start_us = now_us;
     ++moves;

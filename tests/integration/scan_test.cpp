@@ -73,6 +73,26 @@ TEST(Scan, StepModeSeesTheSameObject) {
   EXPECT_LT(report["truth_mm"]["max"], 0.05);
 }
 
+TEST(Scan, SCurvesSeeTheSameObjectAndSoftLimitsEndAScanBeforeItTurns) {
+  Station station("cylinder");
+  const auto gentle = station.folder.write("gentle.toml", "[motion]\njerk_deg_per_s3 = 4000\nhighest_deg = 4000\n");
+  station.start_daemon({"--config", gentle});
+  const std::vector<std::string> words = {
+      "celadon", "scan", "--server", station.server(), "-o", station.folder / "out", "--profiles", "200"};
+  const auto outcome = run(words);
+  ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
+  const json report = json::parse(read_file(station.folder / "out" / "report.json"));
+  EXPECT_EQ(report["model"], "cylinder") << report["decided_by"];
+  EXPECT_LT(report["truth_mm"]["max"], 0.05);
+
+  const auto tight = station.folder.write("tight.toml", "[motion]\nhighest_deg = 90\n");
+  station.daemon.reset();
+  station.start_daemon({"--config", tight});
+  const auto refused = run(words);
+  EXPECT_EQ(refused.exit_code, 3) << refused.err;
+  EXPECT_NE(refused.err.find("beyond the soft limit of 90.000 deg"), std::string::npos) << refused.err;
+}
+
 // The cylinder stands at (6, 3): about the table's axis it would be a general surface of many control points.
 TEST(Scan, APartOffTheAxisIsWhatItIsAboutItsOwn) {
   const TemporaryFolder folder;

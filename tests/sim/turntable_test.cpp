@@ -160,5 +160,123 @@ TEST(Turntable, ABlockedMotorStallsWhereItIs) {
   EXPECT_NEAR(t.encoder_rad(20 * kSecond), 1, t.encoder_quantum_rad());
 }
 
+// ---- S-curves ----
+
+struct SCurve {
+  double distance, speed, acceleration, jerk;
+  double time_s;  // by the textbook's cases, see below
+};
+
+// v j >= a^2 and a long way: D/v + v/a + a/j. v j < a^2 and long: D/v + 2 sqrt(v/j). Short of the speed, not of the
+// acceleration: a/j + sqrt((a/j)^2 + 4 D/a). Short of both: 4 cbrt(D / 2j).
+const SCurve kSCurves[] = {
+    {10, 1, 2, 8, 10 + 0.5 + 0.25},
+    {-10, 1, 4, 8, 10 + 2 * std::sqrt(0.125)},
+    {0.3, 1, 2, 40, 0.05 + std::sqrt(0.0025 + 0.6)},
+    {-0.01, 1, 2, 8, 4 * std::cbrt(0.01 / 16)},
+};
+
+TEST(Turntable, SCurvesTakeTheTimeThatTheFormulasSay) {
+  for (const SCurve& c : kSCurves) {
+    Turntable t(rigid());
+    t.move(c.distance, c.speed, c.acceleration, 0, c.jerk);
+    const std::int64_t end = std::llround(c.time_s * 1e9);
+    EXPECT_EQ(t.phase(end - 1000), Turntable::Phase::moving) << c.distance;
+    EXPECT_NE(t.phase(end + 1000), Turntable::Phase::moving) << c.distance;
+    EXPECT_NEAR(t.table_angle_rad(end + 1000) - 1, c.distance, 1e-12);
+    EXPECT_EQ(t.motor_speed_rad_per_s(end + 1000), 0.0);
+  }
+}
+
+TEST(Turntable, SCurvesKeepJerkAccelerationAndSpeed) {
+  for (const SCurve& c : kSCurves) {
+    Turntable t(rigid());
+    t.move(c.distance, c.speed, c.acceleration, 0, c.jerk);
+    const double sign = c.distance < 0 ? -1 : 1;
+    // At first the acceleration is jt: the way j t^3 / 6.
+    EXPECT_NEAR((t.table_angle_rad(20'000'000) - 1) * sign, c.jerk * 8e-6 / 6, 1e-12);
+    // It is the same backwards in time.
+    EXPECT_NEAR(t.table_angle_rad(std::llround(c.time_s * 0.5e9)) - 1, c.distance / 2, 1e-8);
+    Turntable again(rigid());  // calls must not go back in time
+    again.move(c.distance, c.speed, c.acceleration, 0, c.jerk);
+    constexpr double kStep_s = 1e-3;
+    double fastest = 0, hardest = 0, steepest = 0, before = 0, before_a = 0;
+    for (int i = 1; i * kStep_s < c.time_s + 0.1; ++i) {
+      const double v = again.motor_speed_rad_per_s(i * 1'000'000), a = (v - before) / kStep_s;
+      fastest = std::max(fastest, std::abs(v));
+      hardest = std::max(hardest, std::abs(a));
+      steepest = std::max(steepest, std::abs(a - before_a) / kStep_s);
+      before = v;
+      before_a = a;
+    }
+    EXPECT_LE(fastest, c.speed * (1 + 1e-6));
+    EXPECT_LE(hardest, c.acceleration * (1 + 1e-6));
+    EXPECT_LE(steepest, c.jerk * (1 + 1e-3));
+    EXPECT_GE(steepest, c.jerk * 0.9);
+  }
+}
+
+// The table's swing against the oscillator integrated by Runge and Kutta: y'' + 2 y'/tau + w0^2 y = a(t).
+TEST(Turntable, TheTableFollowsAnSCurveAsItsOscillatorSays) {
+  TurntableConfig config;
+  Turntable t(config);
+  const SCurve c{2, 1, 5, 60, 0};
+  t.move(1 + c.distance, c.speed, c.acceleration, 0, c.jerk);  // the encoder counts from 0, the table from 1
+  const double tau = config.damping_time_s, w = 2 * kPi * config.resonance_hz, w0_squared = w * w + 1 / (tau * tau);
+  const double rise = c.acceleration / c.jerk;
+  const auto acceleration = [&](double s) {  // of the first 0.28 s: up, along, down to constant speed
+    if (s < rise) return c.jerk * s;
+    if (s < c.speed / c.acceleration) return c.acceleration;
+    return std::max(0.0, c.acceleration - c.jerk * (s - c.speed / c.acceleration));
+  };
+  const auto slope = [&](double s, double y, double v) { return acceleration(s) - 2 * v / tau - w0_squared * y; };
+  double y = 0, v = 0;
+  constexpr double kStep_s = 1e-5;
+  for (int i = 0; i < 28'000; ++i) {
+    const double s = i * kStep_s, h = kStep_s;
+    const double k1 = slope(s, y, v), v2 = v + h / 2 * k1, k2 = slope(s + h / 2, y + h / 2 * v, v2),
+                 v3 = v + h / 2 * k2, k3 = slope(s + h / 2, y + h / 2 * v2, v3), v4 = v + h * k3,
+                 k4 = slope(s + h, y + h * v3, v4);
+    y += h / 6 * (v + 2 * v2 + 2 * v3 + v4);
+    v += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4);
+    if (i % 1000 != 999) continue;
+    const std::int64_t now = (i + 1) * 10'000;
+    EXPECT_NEAR(t.motor_speed_rad_per_s(now) - t.table_speed_rad_per_s(now), v, 1e-6 * c.speed) << now;
+  }
+}
+
+TEST(Turntable, AnSCurveShakesTheTableLessAndIsForgotten) {
+  TurntableConfig config;
+  const auto swing = [&](double jerk) {
+    Turntable t(config);
+    t.move(2, 1, 5, 0, jerk);
+    std::int64_t end = 0;
+    while (t.phase(end) == Turntable::Phase::moving) end += 100'000;
+    double most = 0;
+    for (std::int64_t ns = end; ns < end + 100'000'000; ns += 100'000)
+      most = std::max(most, std::abs(t.table_speed_rad_per_s(ns)));
+    static_cast<void>(t.table_angle_rad(end + 3'000'000'000));
+    EXPECT_EQ(t.table_speed_rad_per_s(end + 3'000'000'000), 0.0);
+    return most;
+  };
+  EXPECT_LT(swing(60), 0.3 * swing(0));
+}
+
+TEST(Turntable, AStopInTheMiddleOfAnSCurve) {
+  for (const double after_s : {0.05, 0.2, 0.26, 1.0}) {
+    TurntableConfig config;
+    Turntable t(config);
+    t.move(3, 1, 5, 0, 60);
+    const auto at = static_cast<std::int64_t>(after_s * 1e9);
+    const double speed = t.motor_speed_rad_per_s(at);
+    t.stop(at);
+    const std::int64_t stands = at + std::llround(speed / config.max_acceleration_rad_per_s2 * 1e9);
+    EXPECT_EQ(t.phase(stands - 10'000), Turntable::Phase::moving);
+    EXPECT_EQ(t.motor_speed_rad_per_s(stands + 10'000), 0.0);
+    static_cast<void>(t.table_angle_rad(stands + 3'000'000'000));
+    EXPECT_EQ(t.table_speed_rad_per_s(stands + 3'000'000'000), 0.0);
+  }
+}
+
 }  // namespace
 }  // namespace celadon::sim
