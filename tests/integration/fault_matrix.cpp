@@ -101,8 +101,8 @@ class Service {
     // Each idle poll takes bus time: without them a cell runs through the same instants every time.
     options.poll_period = polls_when_idle ? milliseconds(2) : milliseconds(3'600'000);
     options.first_retry = options.longest_retry = milliseconds(5);
-    // A button that sticks or chatters presses. What it asks an idle machine for would run, as ordered, between the cell's
-    // scans; that it stops a scan is what a cell looks at.
+    // A button that sticks or chatters presses. What it asks an idle machine for would run, as ordered, between the
+    // cell's scans; that it stops a scan is what a cell looks at.
     options.button.brief = options.button.lasting = PressMeaning::nothing;
     queue_ = std::make_unique<ScanQueue>(std::move(*store), machine.calibration, options, [&machine] {
       return connect_scanner(machine.url(), machine.camera_url(), machine.calibration);
