@@ -79,6 +79,8 @@ StatusBlock decode_status(std::span<const std::uint16_t> words) {
 
 void ControllerLink::count(const tl::expected<void, LinkError>& result) {
   ++quality_.requests;
+  const std::uint64_t connections = transport_->connections();
+  quality_.reconnects = connections > 0 ? connections - 1 : 0;
   if (result) return;
   const Kind kind = result.error().kind;
   if (kind == Kind::timed_out) ++quality_.time_outs;
@@ -97,7 +99,7 @@ tl::expected<void, LinkError> ControllerLink::with_retries(Exchange exchange) {
     clock_.sleep_until(clock_.now_ns() + (kPause_ns << (attempt - 1)));
     ++quality_.retries;
     // A reconnection that fails shows again in the next exchange, which is the one reported.
-    if (lost && transport_->reconnect()) ++quality_.reconnects;
+    if (lost) (void)transport_->reconnect();
   }
 }
 

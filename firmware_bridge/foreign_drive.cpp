@@ -98,6 +98,11 @@ class ForeignTransport final : public Transport {
   tl::expected<void, LinkError> write_holding(std::uint16_t address, std::span<const std::uint16_t> words) override;
   tl::expected<void, LinkError> reconnect() override;
   const std::string& url() const override { return drive_->url(); }
+  /// Both links opened once are one connection.
+  std::uint64_t connections() const override {
+    const std::uint64_t both = drive_->connections() + io_->connections();
+    return both > 0 ? both - 1 : 0;
+  }
   std::string warning() const override;
   std::string fault_text(std::uint16_t detail) const override { return plant_.alarm_text(detail); }
 

@@ -74,6 +74,7 @@ class ModbusTransport final : public Transport {
       return tl::unexpected(link_error(EMFILE, place_.timeout_ms));
     }
     connected_ = true;
+    ++connections_;
     if (const auto* rtu = std::get_if<ModbusRtuPlace>(&place_.link); rtu && rtu->rs485) {
       warning_.clear();
       if (modbus_rtu_set_serial_mode(context_.get(), MODBUS_RTU_RS485) != 0)
@@ -84,6 +85,7 @@ class ModbusTransport final : public Transport {
   }
 
   const std::string& url() const override { return url_; }
+  std::uint64_t connections() const override { return connections_; }
   std::string warning() const override { return warning_; }
 
  private:
@@ -132,6 +134,7 @@ class ModbusTransport final : public Transport {
   ModbusPlace place_;
   Context context_;
   bool connected_ = false;
+  std::uint64_t connections_ = 0;
   std::string warning_;
 };
 

@@ -38,6 +38,8 @@ class Transport {
                                                       std::span<const std::uint16_t> registers) = 0;
   virtual tl::expected<void, LinkError> reconnect() = 0;
   virtual const std::string& url() const = 0;
+  /// How often the link was opened, the first time too; an exchange over a closed one opens it. 0: it is not counted.
+  virtual std::uint64_t connections() const { return 0; }
   /// What works less well than asked for, one sentence; empty if nothing.
   virtual std::string warning() const { return {}; }
   /// What the device's own number of a fault (status.fault_detail) stands for, one clause; empty if it is not known.

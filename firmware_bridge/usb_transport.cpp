@@ -48,13 +48,13 @@ class UsbTransport final : public Transport {
     auto opened = open_usb_controller(place_, arrival_ms);
     if (!opened) {
       LinkError error = std::move(opened.error());
-      if (error.kind == Kind::not_found && was_connected_) {
+      if (error.kind == Kind::not_found && connections_ > 0) {
         error = usb_link_error(LIBUSB_ERROR_NO_DEVICE);
         error.cause += " and is not back";
       }
       return tl::unexpected(std::move(error));
     }
-    was_connected_ = true;
+    ++connections_;
     controller_ = std::move(*opened);
     if (controller_.event_endpoint != 0 && controller_.event_bytes >= usb::kEventBytes) {
       events_.emplace(controller_.handle.get(), controller_.event_endpoint, true, controller_.event_bytes, 1,
@@ -67,6 +67,7 @@ class UsbTransport final : public Transport {
   }
 
   const std::string& url() const override { return url_; }
+  std::uint64_t connections() const override { return connections_; }
   bool has_events() const override { return events_.has_value(); }
 
   bool wait_for_event(std::int64_t wait_ns) override {
@@ -216,7 +217,8 @@ class UsbTransport final : public Transport {
   std::optional<UsbStream> events_, trace_;
   std::array<std::uint8_t, LIBUSB_CONTROL_SETUP_SIZE + 2 * usb::kMaxRegisters> control_buffer_{};
   UsbTrace trace_buffer_;
-  bool was_connected_ = false, event_came_ = false, wants_trace_ = false;
+  std::uint64_t connections_ = 0;
+  bool event_came_ = false, wants_trace_ = false;
 };
 
 }  // namespace

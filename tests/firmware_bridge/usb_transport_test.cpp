@@ -108,6 +108,10 @@ TEST_F(Usb, ShortAndBrokenTransfersAreRepeatedThenNamed) {
     EXPECT_EQ(status.error().kind, Kind::broken_reply) << status.error().message();
     EXPECT_TRUE(device->poll());
   }
+  const LinkQuality& quality = device->link_quality();
+  EXPECT_EQ(quality.broken_replies, 10u) << "two times two, and two times three";
+  EXPECT_EQ(quality.retries, 8u) << "two times two, and two times two";
+  EXPECT_EQ(quality.time_outs, 0u);
   // A command whose acknowledgement broke is sent again with its number, and done once.
   port.mishap(UsbMishap::shorten, 1);
   const int before = machine.writes;
@@ -122,6 +126,7 @@ TEST_F(Usb, SilenceIsATimeOutThatSaysHowLong) {
   ASSERT_FALSE(status);
   EXPECT_EQ(status.error().kind, Kind::timed_out);
   EXPECT_NE(status.error().cause.find("300 ms"), std::string::npos) << status.error().message();
+  EXPECT_EQ(device->link_quality().time_outs, 3u);
   for (int i = 0; i < 5 && !status; ++i) status = device->poll();
   EXPECT_TRUE(status) << status.error().message();
 }
@@ -199,6 +204,7 @@ TEST_F(Usb, DepartureIsNamedAndAReturnGoesOnWithoutALostPress) {
   ASSERT_TRUE(back) << back.error().message();
   EXPECT_EQ(back->lasers_on, 0);
   EXPECT_EQ(device->take_button_presses(), 1);
+  EXPECT_GE(device->link_quality().reconnects, 1u);
 }
 
 // Without the news of its arrival a lost controller would be looked for after twelve seconds.

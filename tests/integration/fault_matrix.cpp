@@ -101,8 +101,9 @@ class Service {
     // Each idle poll takes bus time: without them a cell runs through the same instants every time.
     options.poll_period = polls_when_idle ? milliseconds(2) : milliseconds(3'600'000);
     options.first_retry = options.longest_retry = milliseconds(5);
-    // Where a fault makes an idle machine feel a press, its scan is as short as the others.
-    options.button_request = request(false);
+    // A button that sticks or chatters presses. What it asks an idle machine for would run, as ordered, between the
+    // cell's scans; that it stops a scan is what a cell looks at.
+    options.button.brief = options.button.lasting = PressMeaning::nothing;
     queue_ = std::make_unique<ScanQueue>(std::move(*store), machine.calibration, options, [&machine] {
       return connect_scanner(machine.url(), machine.camera_url(), machine.calibration);
     });
@@ -117,14 +118,13 @@ class Service {
     order_state_ = state;
     order_ = order;
   }
-  static ScanRequest request(bool step) {
+  tl::expected<ScanRecord, ServiceError> submit(bool step) {
     ScanRequest request;
     request.profiles = 16;
     request.mode = step ? ScanMode::step : ScanMode::sweep;
     request.formats = {"surface.json"};
-    return request;
+    return queue_->submit(request, "api");
   }
-  tl::expected<ScanRecord, ServiceError> submit(bool step) { return queue_->submit(request(step), "api"); }
   /// The scan once it is over; nullopt: it hangs.
   std::optional<ScanRecord> end_of(std::uint64_t id) {
     std::unique_lock lock(mutex_);
