@@ -201,7 +201,7 @@ TEST(Turntable, SCurvesKeepJerkAccelerationAndSpeed) {
     again.move(c.distance, c.speed, c.acceleration, 0, c.jerk);
     constexpr double kStep_s = 1e-3;
     double fastest = 0, hardest = 0, steepest = 0, before = 0, before_a = 0;
-    for (int i = 1; i * kStep_s < c.time_s + 0.1; ++i) {
+    for (std::int64_t i = 1; static_cast<double>(i) * kStep_s < c.time_s + 0.1; ++i) {
       const double v = again.motor_speed_rad_per_s(i * 1'000'000), a = (v - before) / kStep_s;
       fastest = std::max(fastest, std::abs(v));
       hardest = std::max(hardest, std::abs(a));
