@@ -267,7 +267,8 @@ int run(int argc, char** argv) {
   if (clear->parsed()) return ask_and_print(o, "clear " + cleared);
   if (state->parsed()) return ask_and_print(o, "state");
   if (o.socket_dir.empty() || (!calibration->parsed() && !truth->parsed())) {
-    if (const auto scene = Scene::make(o.scene); !scene) return fail(kInput, scene.error() + "; see celadon-sim --help");
+    if (const auto scene = Scene::make(o.scene); !scene)
+      return fail(kInput, scene.error() + "; see celadon-sim --help");
   }
   if (calibration->parsed()) return write_calibration(o, "-");
   if (truth->parsed()) {
