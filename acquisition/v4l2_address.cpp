@@ -9,6 +9,22 @@
 
 namespace celadon {
 
+namespace {
+
+constexpr std::uint32_t kUsable[] = {V4L2_PIX_FMT_GREY, V4L2_PIX_FMT_YUYV};  // the better one first
+
+}  // namespace
+
+std::optional<std::uint32_t> preferred_fourcc(std::span<const std::uint32_t> delivered) {
+  for (const std::uint32_t fourcc : kUsable)
+    if (std::find(delivered.begin(), delivered.end(), fourcc) != delivered.end()) return fourcc;
+  return std::nullopt;
+}
+
+bool usable_fourcc(std::uint32_t fourcc) {
+  return std::find(std::begin(kUsable), std::end(kUsable), fourcc) != std::end(kUsable);
+}
+
 std::string fourcc_text(std::uint32_t fourcc) {
   std::string text;
   for (int i = 0; i < 4; ++i) {

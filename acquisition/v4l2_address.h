@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 
 #include <tl/expected.hpp>
@@ -19,6 +20,13 @@ struct V4l2Address {
 
 /// An error names the option that is not understood.
 tl::expected<V4l2Address, CameraError> parse_v4l2_address(const std::string& text);
+
+/// The format to take of those that a camera delivers; nothing if it cannot be scanned with. GREY comes from monochrome
+/// sensors: every pixel sees the laser and the bus carries half the bytes. YUYV comes from colour sensors, where the
+/// laser's own channel is formed from luma and chroma.
+std::optional<std::uint32_t> preferred_fourcc(std::span<const std::uint32_t> delivered);
+/// Frames of that format can be scanned with.
+bool usable_fourcc(std::uint32_t fourcc);
 
 /// "GREY"; "?" for what cannot be printed.
 std::string fourcc_text(std::uint32_t fourcc);

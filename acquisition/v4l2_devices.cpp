@@ -9,6 +9,7 @@
 #include <system_error>
 
 #include "acquisition/file_descriptor.h"
+#include "acquisition/v4l2_address.h"
 #include "acquisition/v4l2_ioctl.h"
 #include "acquisition/v4l2_text.h"
 
@@ -72,8 +73,8 @@ std::vector<V4l2Format> formats_of(int fd) {
     format.index = i;
     if (v4l2_ioctl(fd, VIDIOC_ENUM_FMT, &format) != 0) break;
     const std::uint32_t fourcc = format.pixelformat;
-    formats.push_back({fourcc, printable(format.description, sizeof format.description),
-                       fourcc == V4L2_PIX_FMT_GREY || fourcc == V4L2_PIX_FMT_YUYV, sizes_of(fd, fourcc)});
+    formats.push_back({fourcc, printable(format.description, sizeof format.description), usable_fourcc(fourcc),
+                       sizes_of(fd, fourcc)});
   }
   return formats;
 }
@@ -162,9 +163,11 @@ std::vector<V4l2Device> list_v4l2_devices(const std::filesystem::path& nodes) {
 }
 
 const V4l2Format* preferred_format(const V4l2Device& device) {
-  for (const std::uint32_t fourcc : {V4L2_PIX_FMT_GREY, V4L2_PIX_FMT_YUYV})
-    for (const V4l2Format& format : device.formats)
-      if (format.fourcc == fourcc) return &format;
+  std::vector<std::uint32_t> delivered;
+  for (const V4l2Format& format : device.formats) delivered.push_back(format.fourcc);
+  const auto preferred = preferred_fourcc(delivered);
+  for (const V4l2Format& format : device.formats)
+    if (format.fourcc == preferred) return &format;
   return nullptr;
 }
 

@@ -137,9 +137,7 @@ tl::expected<void, CameraError> V4l2Source::configure(const V4l2Address& address
 }
 
 tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const V4l2Address& address) const {
-  // Cameras that offer GREY have monochrome sensors: every pixel sees the laser and the bus carries half the bytes.
-  // YUYV comes from colour sensors, where the laser's own channel is formed from luma and chroma.
-  bool grey = false, yuyv = false;
+  std::vector<std::uint32_t> delivered;
   std::string offered;
   for (std::uint32_t i = 0; i < 256; ++i) {
     v4l2_fmtdesc format{};
@@ -148,14 +146,13 @@ tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const V4l2Add
     const int code = v4l2_ioctl(file_.get(), VIDIOC_ENUM_FMT, &format);
     if (code == EINVAL) break;
     if (code != 0) return fault("listing its formats", code, "try another camera");
-    grey = grey || format.pixelformat == V4L2_PIX_FMT_GREY;
-    yuyv = yuyv || format.pixelformat == V4L2_PIX_FMT_YUYV;
+    delivered.push_back(format.pixelformat);
     offered += (offered.empty() ? "" : ", ") + fourcc_text(format.pixelformat);
   }
-  const std::uint32_t wanted = address.fourcc.value_or(grey ? V4L2_PIX_FMT_GREY : V4L2_PIX_FMT_YUYV);
-  if (wanted == V4L2_PIX_FMT_GREY ? grey : yuyv) return wanted;
+  const auto wanted = address.fourcc ? address.fourcc : preferred_fourcc(delivered);
+  if (wanted && std::find(delivered.begin(), delivered.end(), *wanted) != delivered.end()) return *wanted;
   return unsupported("choosing a format",
-                     (address.fourcc ? "it does not deliver " + fourcc_text(wanted)
+                     (address.fourcc ? "it does not deliver " + fourcc_text(*address.fourcc)
                                      : std::string("it delivers neither GREY nor YUYV")) +
                          ", it delivers " + (offered.empty() ? "nothing" : offered),
                      "use a format that it delivers (`celadon cameras` lists them) or another camera");
