@@ -9,6 +9,7 @@ namespace {
 constexpr std::int64_t kMillisecond_ns = 1'000'000;
 constexpr std::int64_t kCameraSilence_ns = 2'000 * kMillisecond_ns;
 constexpr int kMostStaleFrames = 200;
+constexpr int kMostUnlitFrames = 20;  // in a row
 constexpr std::int64_t kDarkLimit_ns = 100 * kMillisecond_ns;  // of a laser that is switched on
 constexpr std::int64_t kStampSlack_ns = 5 * kMillisecond_ns;
 
@@ -95,7 +96,7 @@ std::optional<ScanStop> FrameFeed::unfit() const {
 /// scan.
 std::optional<ScanStop> FrameFeed::dark_laser() {
   const std::int64_t now_ns = status_.host_after_ns;
-  if (!lit_ || status_.lease_left_ms == 0 || now_ns - shining_since_ns_ < kDarkLimit_ns) {
+  if (!lit_ || status_.lease_left_ms == 0 || now_ns - shining_since_ns() < kDarkLimit_ns) {
     dark_since_ns_ = 0;
     return std::nullopt;
   }
@@ -139,7 +140,6 @@ tl::expected<void, ScanStop> FrameFeed::renew_lease(bool granting) {
   const std::int64_t lease_ms = equipment_.device->capabilities().lease_ms;
   const std::int64_t now_ns = equipment_.clock.now_ns();
   if (!granting && now_ns - granted_ns_ < lease_ms * kMillisecond_ns / 3) return {};
-  if (granting || now_ns - granted_ns_ >= lease_ms * kMillisecond_ns) shining_since_ns_ = now_ns;
   if (auto renewed = equipment_.device->renew_laser(laser_, lease_ms); !renewed) {
     // One lost answer: the lease ends, the next good frame asks for a new one. A link that is dead shows at the next
     // poll.
@@ -147,6 +147,7 @@ tl::expected<void, ScanStop> FrameFeed::renew_lease(bool granting) {
     return tl::make_unexpected(stop_of(renewed.error()));
   }
   granted_ns_ = now_ns;
+  leases_.grant(now_ns, equipment_.clock.now_ns(), lease_ms * kMillisecond_ns);
   return {};
 }
 
@@ -157,6 +158,7 @@ tl::expected<void, ScanStop> FrameFeed::laser_on() {
 
 tl::expected<void, ScanStop> FrameFeed::laser_off() {
   lit_ = false;
+  leases_.end(equipment_.clock.now_ns());
   if (auto off = equipment_.device->laser_off(); !off) return tl::make_unexpected(stop_of(off.error()));
   return {};
 }
@@ -177,7 +179,37 @@ std::optional<ScanStop> FrameFeed::wrong_stamp(const FrameInfo& frame) const {
                   false, true};
 }
 
+/// A loop that gets frames more slowly than the lease lasts sees some of them without the laser.
+LeaseHistory::Light FrameFeed::light_on(const FrameInfo& frame) const {
+  if (!lit_) return LeaseHistory::Light::on;  // nobody asked for it
+  const double last_row = static_cast<double>(equipment_.camera.mode().height_px) - 1;
+  const std::int64_t half_ns = frame.exposure_ns / 2;
+  return leases_.between(triangulator_.row_instant_ns(frame, 0) - half_ns,
+                         triangulator_.row_instant_ns(frame, last_row) + half_ns);
+}
+
+std::optional<ScanStop> FrameFeed::too_slow(int unlit_frames, const FrameInfo& frame) const {
+  if (unlit_frames < kMostUnlitFrames) return std::nullopt;
+  return ScanStop{
+      ScanState::failed,
+      "The laser's lease of " + std::to_string(equipment_.device->capabilities().lease_ms) +
+          " ms had run out at each of the last " + std::to_string(unlit_frames) + " frames, up to frame " +
+          std::to_string(frame.sequence) +
+          ": frames arrive too slowly; choose a smaller picture, or take load off this computer or its USB.",
+      false, true};
+}
+
 tl::expected<Frame, ScanStop> FrameFeed::next() {
+  for (int unlit = 0;;) {
+    auto frame = next_whole();
+    if (!frame || light_on(frame->info) != LeaseHistory::Light::not_sure) return frame;
+    verdict(frame->info, FrameVerdict::unlit);
+    if (auto stop = too_slow(++unlit, frame->info)) return tl::make_unexpected(*stop);
+  }
+}
+
+/// A frame that is whole and new, whatever the laser did.
+tl::expected<Frame, ScanStop> FrameFeed::next_whole() {
   const std::int64_t period_ns = equipment_.camera.mode().frame_period_ns;
   const std::int64_t wait_ns = std::max(4 * period_ns, 250 * kMillisecond_ns);
   std::int64_t silent_ns = 0;  // without a good frame; and the lease runs out: only those renew it
@@ -214,12 +246,21 @@ tl::expected<Frame, ScanStop> FrameFeed::next() {
 }
 
 tl::expected<Frame, ScanStop> FrameFeed::next_after(std::int64_t instant_ns) {
-  for (int stale = 0; stale < kMostStaleFrames; ++stale) {
-    auto frame = next();
+  for (int stale = 0, unlit = 0; stale < kMostStaleFrames;) {
+    auto frame = next_whole();
     if (!frame) return frame;
     const FrameInfo& info = frame->info;
-    if (triangulator_.row_instant_ns(info, 0) - info.exposure_ns / 2 >= instant_ns) return frame;
-    verdict(info, FrameVerdict::stale);
+    const LeaseHistory::Light light = light_on(info);
+    if (triangulator_.row_instant_ns(info, 0) - info.exposure_ns / 2 < instant_ns ||
+        light == LeaseHistory::Light::warming_up) {
+      verdict(info, FrameVerdict::stale);
+      ++stale;
+    } else if (light == LeaseHistory::Light::not_sure) {
+      verdict(info, FrameVerdict::unlit);
+      if (auto stop = too_slow(++unlit, info)) return tl::make_unexpected(*stop);
+    } else {
+      return frame;
+    }
   }
   return tl::make_unexpected(
       ScanStop{ScanState::failed,
@@ -243,6 +284,7 @@ tl::expected<void, ScanStop> FrameFeed::keep(const Frame& frame, const AngleAtIn
 void FrameFeed::verdict(const FrameInfo& frame, FrameVerdict verdict) {
   if (log_ == nullptr) return;
   ++counts_.frames;
+  if (verdict == FrameVerdict::unlit) ++counts_.unlit;
   counts_.lost += frame.lost_before;
   if (verdict == FrameVerdict::stale) ++counts_.stale;
   if (verdict == FrameVerdict::corrupt) ++counts_.corrupt;

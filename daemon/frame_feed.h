@@ -8,6 +8,7 @@
 
 #include "acquisition/angle_timeline.h"
 #include "acquisition/recording.h"
+#include "daemon/lease_history.h"
 #include "daemon/profile_log.h"
 #include "daemon/scan_job.h"
 
@@ -37,13 +38,17 @@ class FrameFeed {
   tl::expected<void, ScanStop> keep_laser_on() { return renew_lease(false); }
   tl::expected<void, ScanStop> laser_off();
   /// When the present grant began to shine without a gap, host time.
-  std::int64_t shining_since_ns() const { return shining_since_ns_; }
+  std::int64_t shining_since_ns() const { return leases_.shining_since_ns(); }
+  /// From now on a frame counts only if the laser has been on for so long before it.
+  void set_warm_up(std::int64_t warm_up_ns) { leases_.set_warm_up(warm_up_ns); }
 
-  /// The next frame that is whole and not the one before once more; the laser's lease is renewed for it and the device
-  /// polled after it. Ends with a stop when cancelled, when the button was pressed, when no good frame came for two
-  /// seconds, when time stamps cannot be, or when the device is not fit to scan.
+  /// The next frame that is whole, not the one before once more and, with the laser on, exposed while the laser's lease
+  /// lasted; the lease is renewed for it and the device polled after it. Ends with a stop when cancelled, when the button
+  /// was pressed, when no good frame came for two seconds, when the lease runs out before one frame after the other,
+  /// when time stamps cannot be, or when the device is not fit to scan.
   tl::expected<Frame, ScanStop> next();
-  /// The same, but frames whose exposure began before an instant of the host clock are dropped and counted as stale.
+  /// The same, but frames whose exposure began before an instant of the host clock, or while the laser warmed up, are
+  /// dropped and counted as stale.
   tl::expected<Frame, ScanStop> next_after(std::int64_t instant_ns);
 
   /// Writes down what became of a frame.
@@ -59,6 +64,7 @@ class FrameFeed {
     std::uint64_t frames = 0, lost = 0, stale = 0, corrupt = 0;
     std::int64_t longest_exchange_ns = 0;         ///< of polls, where they say when a position was taken
     std::uint64_t looks_lit = 0, looks_dark = 0;  ///< polls with the laser switched on, and of them without its light
+    std::uint64_t unlit = 0;                      ///< frames for which the lease had run out
   };
   const Counts& counts() const { return counts_; }
   /// Frames that the driver lost count while the table turns continuously; between two steps nobody looks.
@@ -69,6 +75,9 @@ class FrameFeed {
   tl::expected<void, ScanStop> renew_lease(bool granting);
   std::optional<ScanStop> unfit() const;
   std::optional<ScanStop> dark_laser();
+  tl::expected<Frame, ScanStop> next_whole();
+  LeaseHistory::Light light_on(const FrameInfo& frame) const;
+  std::optional<ScanStop> too_slow(int unlit_frames, const FrameInfo& frame) const;
   std::optional<ScanStop> wrong_stamp(const FrameInfo& frame) const;
 
   const ScanEquipment equipment_;
@@ -81,7 +90,8 @@ class FrameFeed {
   DeviceStatus status_;
   Counts counts_;
   bool lit_ = false, counts_lost_ = false;
-  std::int64_t granted_ns_ = 0, shining_since_ns_ = 0;
+  LeaseHistory leases_;
+  std::int64_t granted_ns_ = 0;
   std::int64_t dark_since_ns_ = 0;          ///< the laser does not emit although it should; 0: it does
   std::int64_t last_stamp_ns_ = INT64_MIN;  ///< of the newest good frame
 };

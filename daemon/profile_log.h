@@ -42,7 +42,8 @@ enum class FrameVerdict : std::uint16_t {
   corrupt = 2,
   outside_turn = 3,
   no_angle = 4,
-  no_line = 5
+  no_line = 5,
+  unlit = 6
 };
 
 struct LogFrame {

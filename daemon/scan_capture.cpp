@@ -106,6 +106,12 @@ class Intake {
                                 " corrupt of " + std::to_string(c.frames + c.lost) +
                                 "; check the camera's cable, its bandwidth and the load of this computer.");
     }
+    if (c.unlit > 0) {
+      result.warnings.push_back("The laser's lease had run out at " + std::to_string(c.unlit) + " of " +
+                                std::to_string(c.frames) +
+                                " frames, which were left out: frames arrive too slowly; choose a smaller picture, or "
+                                "take load off this computer or its USB.");
+    }
     if (c.looks_dark > 0) {
       result.warnings.push_back("The laser was dark in " + std::to_string(c.looks_dark) + " of " +
                                 std::to_string(c.looks_lit) +
@@ -244,11 +250,8 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
     auto settled = device.rotate_to(base + (k + 1) * pitch, limits.max_speed_rad_per_s);
     if (!settled) return tl::make_unexpected(stop_of(settled.error()));
     if (auto on = feed.keep_laser_on(); !on) return tl::make_unexpected(on.error());
-    // After a move longer than the lease the laser has to warm up again.
-    const bool dark_between = feed.shining_since_ns() + tools.preparation.warm_up_ns > settled->host_after_ns;
-    const std::int64_t fresh_ns =
-        dark_between ? feed.shining_since_ns() + tools.preparation.warm_up_ns : settled->host_after_ns;
-    auto frame = feed.next_after(fresh_ns);
+    // A move longer than the lease ended it.
+    auto frame = feed.next_after(std::max(settled->host_after_ns, feed.shining_since_ns()));
     if (!frame) return tl::make_unexpected(frame.error());
     const AngleAtInstant angle{settled->angle_rad, sigma_rad, 0};
     const double turned = k < turn.profiles ? k * turn.pitch_rad : kTurn_rad + (k - turn.profiles) * turn.pitch_rad;

@@ -186,6 +186,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
   LineBrightness last;
   FrameInfo seen;
   int steady = 0;
+  std::int64_t warm_after_ns = 0;  // from the grant until the first exposure that looked like those after it
   while (steady < kSteadyFrames) {
     auto frame = feed.next_after(feed.shining_since_ns());
     if (!frame) return tl::make_unexpected(frame.error());
@@ -194,6 +195,9 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     const LineBrightness now = brightness_of(rows);
     const bool unchanged = now.lines > 0 && std::abs(now.amplitude - last.amplitude) <= kSteady * now.amplitude;
     steady = unchanged ? steady + 1 : 0;
+    if (!unchanged) {
+      warm_after_ns = triangulator.row_instant_ns(seen, 0) - seen.exposure_ns / 2 - feed.shining_since_ns();
+    }
     last = now;
     const std::int64_t waited_ns = equipment.clock.now_ns() - feed.shining_since_ns();
     if (now.lines == 0 && waited_ns > kLineLimit_ns) {
@@ -208,12 +212,12 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
                                      "; let it warm up or check its supply.");
       break;
     }
-    preparation.warm_up_ns = waited_ns;
     if (steady == kSteadyFrames) {
       const AngleAtInstant standing{feed.status().angle_rad, 0, 0};
       if (auto kept = feed.keep(*frame, standing, FrameUse::look); !kept) return tl::make_unexpected(kept.error());
     }
   }
+  feed.set_warm_up(std::max<std::int64_t>(warm_after_ns, 0));
   if (auto learned = learn(rows, last, seen, feed.status().angle_rad, equipment.volume, triangulator, preparation);
       !learned) {
     return tl::make_unexpected(learned.error());

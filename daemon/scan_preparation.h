@@ -25,7 +25,6 @@ struct ScanPreparation {
   double z_low_mm = 0, z_high_mm = 0;    ///< of the line on the object as it stands
   std::size_t samples = 0;               ///< of one profile
   LineBrightness line;                   ///< of the line on the object as it stands
-  std::int64_t warm_up_ns = 0;           ///< from the grant until the line kept its brightness
   std::vector<std::string> warnings;
 };
 

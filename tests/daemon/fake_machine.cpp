@@ -207,8 +207,9 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     now_us_ = next;
     core_.step(now_us_);
     if (!streaming_ || now_us_ < next_middle_us_) continue;
-    next_middle_us_ += kPeriod_us;
     const std::uint64_t sequence = sequence_++;
+    next_middle_us_ += kPeriod_us;
+    if (all_late || sequence % 2 == 1) next_middle_us_ += static_cast<std::uint64_t>(late_us.load());
     if (shots_.size() >= kBuffers || camera_silent) {
       ++dropped_;
       continue;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <utility>
 
+#include "daemon/profile_log.h"
 #include "daemon/scan_job.h"
 #include "tests/daemon/fake_machine.h"
 #include "tests/temporary_folder.h"
@@ -36,6 +37,7 @@ class At final : public ScanObserver {
 struct Told {
   bool done = false;
   std::string text;  ///< reason or warnings
+  std::size_t profiles = 0, smallest_profile = 0;
 };
 
 Told scan(
@@ -62,6 +64,11 @@ Told scan(
   if (!outcome) return {false, outcome.error().reason};
   Told told{true, ""};
   for (const std::string& warning : outcome->warnings) told.text += warning + " ";
+  auto log = ProfileLogReader::open(task.log_file);
+  while (const Profile* profile = (*log)->next()) {
+    told.smallest_profile = told.profiles == 0 ? profile->size() : std::min(told.smallest_profile, profile->size());
+    ++told.profiles;
+  }
   return told;
 }
 
@@ -92,6 +99,33 @@ TEST(ScanFault, ALaserThatDoesNotEmitIsNamed) {
     FakeMachine machine;
     const auto die = [&] { machine.with_plant([](test::TestPlant& p) { p.dead_lasers = 1; }); };
     EXPECT_TRUE(says(scan(machine, state, die), false, "does not emit although it is switched on"));
+  }
+}
+
+// The lease of half a second ends before every second frame: no profile may be taken in the dark.
+TEST(ScanFault, FramesOfALaserWhoseLeaseRanOutAreTakenAgain) {
+  FakeMachine steps, turns;
+  const Told stepped = scan(
+      steps, ScanState::scanning, [&] { steps.late_us = 600'000; }, ScanMode::step);
+  EXPECT_TRUE(says(stepped, true, "lease had run out"));
+  EXPECT_EQ(stepped.profiles, 16u);
+  EXPECT_GT(stepped.smallest_profile, 100u);
+  const Told swept = scan(turns, ScanState::scanning, [&] { turns.late_us = 600'000; });
+  EXPECT_NE(swept.text.find("lease had run out"), std::string::npos) << swept.text;
+  if (swept.profiles > 0) {
+    EXPECT_GT(swept.smallest_profile, 100u);
+  }
+}
+
+TEST(ScanFault, FramesThatAllComeAfterTheLeaseEndTheScan) {
+  for (const ScanState state : {ScanState::preparing, ScanState::scanning}) {
+    for (const ScanMode mode : {ScanMode::sweep, ScanMode::step}) {
+      FakeMachine machine;
+      machine.all_late = true;
+      EXPECT_TRUE(says(scan(
+                           machine, state, [&] { machine.late_us = 600'000; }, mode),
+                       false, "lease of 500 ms had run out"));
+    }
   }
 }
 
