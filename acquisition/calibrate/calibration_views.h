@@ -1,0 +1,44 @@
+#pragma once
+// What a calibration is computed from.
+
+#include <vector>
+
+#include "acquisition/calibrate/board_finder.h"
+#include "acquisition/calibrate/target_board.h"
+#include "acquisition/calibration.h"
+
+namespace celadon {
+
+/// A point of a laser's line: pixel, and standard deviation across the line.
+struct SeenLinePoint {
+  Eigen::Vector2d p_px = Eigen::Vector2d::Zero();
+  double sigma_px = 0;
+};
+
+/// A laser's line on the board, or on the bare platter; points beside them are left out by whoever fills this.
+struct SeenLine {
+  int laser = 0;
+  std::vector<SeenLinePoint> points;
+};
+
+/// One pose of the board.
+struct BoardView {
+  static constexpr int kHeld = -1;
+  std::vector<SeenCorner> corners;
+  std::vector<SeenLine> lines;  ///< with the board in the same pose
+  /// kHeld: the board is somewhere. From 0 on: it stands on the platter; views of one placement differ by the table's
+  /// angle alone.
+  int placement = kHeld;
+  double encoder_rad = 0;  ///< unwrapped
+};
+
+struct CalibrationInput {
+  TargetBoard board;
+  int width_px = 0, height_px = 0;
+  std::vector<BoardView> views;
+  std::vector<SeenLine> platter;  ///< on the bare platter: says where z = 0 is
+  /// Measured length / nominal length of the print, along its x and y. Unmeasured: 1, 0.003.
+  Measured pitch_x{1, 0.003}, pitch_y{1, 0.003};
+};
+
+}  // namespace celadon
