@@ -28,6 +28,7 @@ struct CameraMode {
   int width_px = 0, height_px = 0;
   std::size_t stride_bytes = 0;
   PixelFormat format = PixelFormat::grey8;
+  int saturated_level = 0;  ///< from here a sample says no more than "at least"; 0: 250 of grey8, 235 of yuyv
   Shutter shutter = Shutter::global;
   std::int64_t frame_period_ns = 0;
   std::int64_t exposure_ns = 0;

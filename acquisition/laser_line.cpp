@@ -65,6 +65,8 @@ void LaserLineExtractor::extract(const CameraMode& mode, std::span<const std::ui
   require(mode.format == PixelFormat::grey8 || mode.format == PixelFormat::yuyv, "unknown pixel format");
   require(mode.format != PixelFormat::yuyv || mode.width_px % 2 == 0,
           "frame is " + size + ", YUYV needs an even width");
+  require(mode.saturated_level >= 0 && mode.saturated_level <= 255,
+          "saturated_level is " + std::to_string(mode.saturated_level) + ", must be 0 to 255");
   const std::size_t row_bytes = static_cast<std::size_t>(mode.width_px) * bytes_per_pixel(mode.format);
   require(mode.stride_bytes >= row_bytes, "stride is " + std::to_string(mode.stride_bytes) + " bytes, a row of " +
                                               size + " needs " + std::to_string(row_bytes));
@@ -75,6 +77,9 @@ void LaserLineExtractor::extract(const CameraMode& mode, std::span<const std::ui
                                                         size + " needs " + std::to_string(frame_bytes));
   require(rows.size() == static_cast<std::size_t>(mode.height_px),
           std::to_string(rows.size()) + " rows given for a height of " + std::to_string(mode.height_px));
+  const int usual_level = mode.format == PixelFormat::grey8 ? 250 : 235;
+  impl_->scratch.saturated_level =
+      static_cast<std::int16_t>(mode.saturated_level > 0 ? mode.saturated_level : usual_level);
   line_kernels::extract({signal_of(mode.format, impl_->options.channel), on.data(), off.empty() ? nullptr : off.data(),
                          mode.stride_bytes, mode.width_px, mode.height_px, impl_->options, rows, &impl_->scratch});
 }

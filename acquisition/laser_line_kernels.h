@@ -49,6 +49,7 @@ struct Scratch {
   alignas(64) std::int16_t usable_signal[kWindowPx][kBlockRows];  ///< usable, [pixel][lane]; only of partial windows
   alignas(64) float ambient_variance[kBlockRows];                 ///< noise of a pixel without laser light
   alignas(64) float light[kWindowPx][kBlockRows];                 ///< signal over background, [pixel][lane]
+  std::int16_t saturated_level;                                   ///< from here a sample says no more than "at least"
   int light_reach[kBlockRows];  ///< by vector of lanes: how far from the middle `light` is known
   // The model of each row; positions count from the middle of the window.
   alignas(64) float level[kBlockRows], slope[kBlockRows], slope_information[kBlockRows];

@@ -23,10 +23,6 @@ namespace hn = hwy::HWY_NAMESPACE;
 using DPx = hn::CappedTag<std::int16_t, 16>;
 using VPx = hn::VFromD<DPx>;
 
-/// From here a pixel says no more than "at least": YUYV may end at 235.
-template <Signal kSignal>
-constexpr std::int16_t kSaturatedLevel = kSignal == Signal::grey ? 250 : 235;
-
 /// Signal of the pixels px, px + 1 ..., not limited to 0..255. @pre px is even
 template <Signal kSignal, class D>
 HWY_INLINE hn::VFromD<D> signals_at(D d, const std::uint8_t* row, int px) {
@@ -97,7 +93,7 @@ HWY_INLINE void cut_window(Scratch& s, int row, const std::uint8_t* on, const st
   };
   window.saturated = false;
   if (inside) {
-    const auto level = hn::Set(d, kSaturatedLevel<kSignal>);
+    const auto level = hn::Set(d, s.saturated_level);
     auto highest = hn::Zero(d);
     for (int i = 0; i < kWindowPx; i += lanes) {
       const auto lit = signals_at<kSignal>(d, on, first + i);
@@ -115,7 +111,7 @@ HWY_INLINE void cut_window(Scratch& s, int row, const std::uint8_t* on, const st
   for (int i = 0; i < kWindowPx; ++i) {
     const int px = std::clamp(first + i, 0, width - 1), lit = signal_at<kSignal>(on, px);
     const int value = kSubtract ? lit - signal_at<kSignal>(off, px) : lit;
-    const bool saturated = lit >= kSaturatedLevel<kSignal>;
+    const bool saturated = lit >= s.saturated_level;
     cut[i] = static_cast<std::int16_t>(std::clamp(value, -64, 255));
     s.usable[row][i] = saturated || px != first + i ? 0 : -1;
     window.saturated = window.saturated || saturated;

@@ -132,6 +132,12 @@ class IndexReader {
       const auto profiles = number_of<int>(value);
       if (!profiles || *profiles < 1) refuse("profiles is " + quote(value) + " and must be 1 or more", "correct it");
       index_.scan.profiles = *profiles;
+    } else if (key == "saturated_level" && minor_ >= 1) {
+      const auto level = number_of<int>(value);
+      if (!level || *level < 1 || *level > 255) {
+        refuse("saturated_level is " + quote(value) + " and must be 1 to 255", "correct it");
+      }
+      index_.saturated_level = *level;
     } else if (key == "simulated") {
       index_.simulated = choose({"0", "1"}) == 1;
     } else if (key == "shutter") {
@@ -253,6 +259,7 @@ std::string format_recording_index(const RecordingIndex& index) {
   if (index.yuyv_width_px != 0) {
     out += "yuyv_size," + std::to_string(index.yuyv_width_px) + "," + std::to_string(index.yuyv_height_px) + "\n";
   }
+  if (index.saturated_level != 0) out += "saturated_level," + std::to_string(index.saturated_level) + "\n";
   if (!index.scan.date.empty()) out += "date," + index.scan.date + "\n";
   if (!index.scan.mode.empty()) out += "mode," + index.scan.mode + "\n";
   if (index.scan.profiles > 0) out += "profiles," + std::to_string(index.scan.profiles) + "\n";
@@ -275,6 +282,7 @@ RecordingWriter::RecordingWriter(std::filesystem::path folder, const CameraMode&
   index_.scan = scan;
   index_.simulated = mode.simulated;
   index_.shutter = mode.shutter;
+  index_.saturated_level = mode.saturated_level;
   if (mode.format == PixelFormat::yuyv) {
     index_.yuyv_width_px = mode.width_px;
     index_.yuyv_height_px = mode.height_px;

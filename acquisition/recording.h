@@ -29,6 +29,7 @@ struct RecordingIndex {
   Shutter shutter = Shutter::global;
   ColourChannel colour = ColourChannel::red;
   int yuyv_width_px = 0, yuyv_height_px = 0;  ///< of *.yuyv frames
+  int saturated_level = 0;                    ///< as in CameraMode
   std::vector<RecordedFrame> frames;          ///< at least one
 };
 

@@ -34,6 +34,7 @@ class ReplaySource final : public FrameSource, public FrameReturn {
     mode_.height_px = first.height_px;
     mode_.stride_bytes = static_cast<std::size_t>(first.width_px) * bytes_per_pixel(mode_.format);
     mode_.shutter = index_.shutter;
+    mode_.saturated_level = index_.saturated_level;
     mode_.exposure_ns = frames.front().exposure_ns;
     if (frames.size() > 1) {
       mode_.frame_period_ns =

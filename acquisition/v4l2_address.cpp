@@ -11,7 +11,11 @@ namespace celadon {
 
 namespace {
 
-constexpr std::uint32_t kUsable[] = {V4L2_PIX_FMT_GREY, V4L2_PIX_FMT_YUYV};  // the better one first
+// The better one first.
+constexpr std::uint32_t kUsable[] = {V4L2_PIX_FMT_GREY,   V4L2_PIX_FMT_Y10,    V4L2_PIX_FMT_Y12,    V4L2_PIX_FMT_Y16,
+                                     V4L2_PIX_FMT_NV12,   V4L2_PIX_FMT_YUYV,   V4L2_PIX_FMT_UYVY,   V4L2_PIX_FMT_SBGGR8,
+                                     V4L2_PIX_FMT_SGBRG8, V4L2_PIX_FMT_SGRBG8, V4L2_PIX_FMT_SRGGB8, V4L2_PIX_FMT_MJPEG,
+                                     V4L2_PIX_FMT_JPEG};
 
 }  // namespace
 
@@ -29,34 +33,49 @@ std::string fourcc_text(std::uint32_t fourcc) {
   std::string text;
   for (int i = 0; i < 4; ++i) {
     const char c = static_cast<char>((fourcc >> (8 * i)) & 0x7f);
-    text += c > ' ' && c < 0x7f ? c : '?';
+    text += c >= ' ' && c < 0x7f ? c : '?';
   }
+  text.erase(text.find_last_not_of(' ') + 1);
+  return text.empty() ? "?" : text;
+}
+
+std::string usable_formats() {
+  std::string text;
+  for (const std::uint32_t fourcc : kUsable) text += (text.empty() ? "" : ", ") + fourcc_text(fourcc);
   return text;
 }
 
 tl::expected<V4l2Address, CameraError> parse_v4l2_address(const std::string& text) {
   const std::size_t question = text.find('?');
-  V4l2Address address{.path = text.substr(0, question), .width = {}, .height = {}, .fourcc = {}};
+  V4l2Address address{.path = text.substr(0, question), .width = {}, .height = {}, .fourcc = {}, .controls = {}};
   std::string rest = question == std::string::npos ? "" : text.substr(question + 1);
   while (!rest.empty()) {
     const std::string option = rest.substr(0, rest.find('&'));
     rest.erase(0, std::min(rest.size(), option.size() + 1));
     const std::size_t equals = std::min(option.find('='), option.size());
     const std::string key = option.substr(0, equals), value = option.substr(std::min(equals + 1, option.size()));
-    std::uint32_t number = 0;
+    std::int32_t number = 0;
     const auto parsed = std::from_chars(value.data(), value.data() + value.size(), number);
-    const bool size =
-        parsed.ec == std::errc{} && parsed.ptr == value.data() + value.size() && number >= 1 && number <= 65535;
+    const bool whole = parsed.ec == std::errc{} && parsed.ptr == value.data() + value.size();
+    const bool size = whole && number >= 1 && number <= 65535;
+    const bool own = key.empty() || key == "width" || key == "height" || key == "format";
     if (key == "width" && size) {
-      address.width = number;
+      address.width = static_cast<std::uint32_t>(number);
     } else if (key == "height" && size) {
-      address.height = number;
-    } else if (key == "format" && (value == "GREY" || value == "YUYV")) {
-      address.fourcc = value == "GREY" ? V4L2_PIX_FMT_GREY : V4L2_PIX_FMT_YUYV;
+      address.height = static_cast<std::uint32_t>(number);
+    } else if (whole && !own) {
+      address.controls.emplace_back(key, number);
+    } else if (const auto* const named =
+                   std::find_if(std::begin(kUsable), std::end(kUsable),
+                                [&](std::uint32_t fourcc) { return key == "format" && fourcc_text(fourcc) == value; });
+               named != std::end(kUsable)) {
+      address.fourcc = *named;
     } else {
-      return tl::unexpected(camera_fault(CameraError::Kind::unsupported, "v4l2:" + address.path, "opening",
-                                         "the option \"" + option + "\" is not understood",
-                                         "use width=PIXELS, height=PIXELS and format=GREY or YUYV, joined by &"));
+      return tl::unexpected(
+          camera_fault(CameraError::Kind::unsupported, "v4l2:" + address.path, "opening",
+                       "the option \"" + option + "\" is not understood",
+                       "use width=PIXELS, height=PIXELS, format=FORMAT and CONTROL=NUMBER, joined by &; formats are " +
+                           usable_formats()));
     }
   }
   return address;

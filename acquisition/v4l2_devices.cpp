@@ -17,7 +17,7 @@ namespace celadon {
 namespace {
 
 // More of anything than any driver has: an enumeration that does not end is a driver's fault.
-constexpr std::uint32_t kMostFormats = 256, kMostSizes = 1024, kMostRates = 256, kMostControls = 1024;
+constexpr std::uint32_t kMostFormats = 256, kMostSizes = 1024, kMostRates = 256;
 
 double rate_of(const v4l2_fract& period) {
   return period.numerator == 0 ? 0 : static_cast<double>(period.denominator) / period.numerator;
@@ -79,44 +79,6 @@ std::vector<V4l2Format> formats_of(int fd) {
   return formats;
 }
 
-std::vector<std::string> menu_of(int fd, const v4l2_query_ext_ctrl& control) {
-  std::vector<std::string> menu;
-  for (std::int64_t i = 0; i <= std::min<std::int64_t>(control.maximum, 255); ++i) {
-    v4l2_querymenu entry{};
-    entry.id = control.id;
-    entry.index = static_cast<std::uint32_t>(i);
-    const bool there = i >= control.minimum && v4l2_ioctl(fd, VIDIOC_QUERYMENU, &entry) == 0;
-    menu.push_back(there ? control.type == V4L2_CTRL_TYPE_INTEGER_MENU ? std::to_string(entry.value)
-                                                                       : printable(entry.name, sizeof entry.name)
-                         : std::string());
-  }
-  return menu;
-}
-
-std::optional<std::int64_t> value_of(int fd, std::uint32_t id) {
-  v4l2_control control{};
-  control.id = id;
-  if (v4l2_ioctl(fd, VIDIOC_G_CTRL, &control) != 0) return std::nullopt;
-  return control.value;
-}
-
-std::vector<V4l2Control> controls_of(int fd) {
-  std::vector<V4l2Control> controls;
-  v4l2_query_ext_ctrl control{};
-  for (std::uint32_t i = 0; i < kMostControls; ++i) {
-    control.id |= V4L2_CTRL_FLAG_NEXT_CTRL;
-    if (v4l2_ioctl(fd, VIDIOC_QUERY_EXT_CTRL, &control) != 0) break;
-    const bool menu = control.type == V4L2_CTRL_TYPE_MENU || control.type == V4L2_CTRL_TYPE_INTEGER_MENU;
-    const bool number = control.type == V4L2_CTRL_TYPE_INTEGER || control.type == V4L2_CTRL_TYPE_BOOLEAN;
-    if ((!menu && !number) || (control.flags & V4L2_CTRL_FLAG_DISABLED) != 0) continue;
-    controls.push_back({printable(reinterpret_cast<const std::uint8_t*>(control.name), sizeof control.name), control.id,
-                        control.minimum, control.maximum, static_cast<std::int64_t>(control.step),
-                        control.default_value, value_of(fd, control.id), (control.flags & V4L2_CTRL_FLAG_INACTIVE) != 0,
-                        menu ? menu_of(fd, control) : std::vector<std::string>()});
-  }
-  return controls;
-}
-
 /// The device of a node; nothing if it captures no video.
 std::optional<V4l2Device> device_of(const std::string& path) {
   V4l2Device device;
@@ -138,7 +100,7 @@ std::optional<V4l2Device> device_of(const std::string& path) {
   device.bus = printable(capability.bus_info, sizeof capability.bus_info);
   device.serial = usb_serial_of(path);
   device.formats = formats_of(file.get());
-  device.controls = controls_of(file.get());
+  device.controls = list_v4l2_controls(file.get());
   return device;
 }
 

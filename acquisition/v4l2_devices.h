@@ -3,9 +3,10 @@
 
 #include <cstdint>
 #include <filesystem>
-#include <optional>
 #include <string>
 #include <vector>
+
+#include "acquisition/v4l2_controls.h"
 
 namespace celadon {
 
@@ -21,15 +22,6 @@ struct V4l2Format {
   std::vector<V4l2Size> sizes;  ///< as listed; of a stepwise size its smallest and its largest
 };
 
-struct V4l2Control {
-  std::string name;
-  std::uint32_t id = 0;
-  std::int64_t minimum = 0, maximum = 0, step = 1, standard = 0;
-  std::optional<std::int64_t> value;  ///< none: it cannot be read
-  bool inactive = false;              ///< another control holds it, as the automatic does the exposure
-  std::vector<std::string> menu;      ///< its choices by value; empty strings where there is none
-};
-
 struct V4l2Device {
   std::string path, name, driver, bus, serial;
   std::vector<V4l2Format> formats;
@@ -41,7 +33,7 @@ struct V4l2Device {
 /// @param nodes where their names stand: video0, video1 ...
 std::vector<V4l2Device> list_v4l2_devices(const std::filesystem::path& nodes = "/sys/class/video4linux");
 
-/// The format that a camera is opened with unless another is named: GREY before YUYV. Null: none can be used.
+/// The format that a camera is opened with unless another is named. Null: none can be used.
 const V4l2Format* preferred_format(const V4l2Device& device);
 
 }  // namespace celadon

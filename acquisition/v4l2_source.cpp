@@ -1,4 +1,5 @@
-// A V4L2 capture device by memory-mapped streaming; frames are leases on the driver's own buffers.
+// A V4L2 capture device by memory-mapped streaming, or into memory of ours where a driver maps none; frames are leases
+// on the driver's own buffers, or, of formats that have to be decoded, on as many grey pictures.
 #include <fcntl.h>
 #include <linux/videodev2.h>
 #include <poll.h>
@@ -9,11 +10,14 @@
 #include <vector>
 
 #include "acquisition/camera_fault.h"
+#include "acquisition/device_holder.h"
 #include "acquisition/file_descriptor.h"
 #include "acquisition/frame_sources.h"
 #include "acquisition/lease_book.h"
 #include "acquisition/monotonic_clock.h"
+#include "acquisition/picture_decoder.h"
 #include "acquisition/v4l2_address.h"
+#include "acquisition/v4l2_controls.h"
 #include "acquisition/v4l2_exposure.h"
 #include "acquisition/v4l2_ioctl.h"
 #include "acquisition/v4l2_text.h"
@@ -28,15 +32,34 @@ constexpr std::uint32_t kBuffers = 8;
 constexpr std::uint32_t kFewestBuffers = 2;
 constexpr const char* kConnectAgain = "connect the camera and open it again";
 
+/// Luma from 16 to 235, as the driver says or, if it does not, as V4L2 has it for YUV.
+bool limited_range(const v4l2_pix_format& pixels) {
+  const auto told = static_cast<v4l2_quantization>(pixels.quantization);
+  return told == V4L2_QUANTIZATION_LIM_RANGE ||
+         (told == V4L2_QUANTIZATION_DEFAULT && pixels.colorspace != V4L2_COLORSPACE_JPEG);
+}
+
+/// What to do about a camera that is in use.
+std::string close_other(const std::string& path) {
+  const std::string holders = holders_of(path);
+  return holders.empty() ? "another program uses the camera: close it" : "close what uses the camera: " + holders;
+}
+
 class V4l2Source final : public FrameSource, public FrameReturn {
  public:
-  V4l2Source(const std::string& device, FileDescriptor file)
-      : device_(device), file_(std::move(file)), exposure_(file_.get(), device), leases_(device) {}
+  V4l2Source(const std::string& path, const std::string& device, FileDescriptor file)
+      : path_(path),
+        device_(device),
+        file_(std::move(file)),
+        exposure_(file_.get(), device),
+        controls_(file_.get(), device),
+        leases_(device) {}
   V4l2Source(const V4l2Source&) = delete;
   V4l2Source& operator=(const V4l2Source&) = delete;
   ~V4l2Source() override {
     stop();
     exposure_.restore();
+    controls_.restore();
   }
 
   /// Checks what the device is and sets its format.
@@ -55,6 +78,7 @@ class V4l2Source final : public FrameSource, public FrameReturn {
 
   void give_back(std::uint32_t index) noexcept override {
     leases_.take_back(index);
+    if (decoder_ != nullptr) return;  // the driver has its buffer already
     // A device that is gone takes nothing back; the next frame says so.
     static_cast<void>(queue(index));
   }
@@ -68,8 +92,12 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   int queue(std::uint32_t index) {
     v4l2_buffer buffer{};
     buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    buffer.memory = V4L2_MEMORY_MMAP;
+    buffer.memory = memory_;
     buffer.index = index;
+    if (memory_ == V4L2_MEMORY_USERPTR) {
+      buffer.m.userptr = reinterpret_cast<unsigned long>(buffers_[index].address);
+      buffer.length = static_cast<std::uint32_t>(buffers_[index].size);
+    }
     return v4l2_ioctl(file_.get(), VIDIOC_QBUF, &buffer);
   }
   tl::unexpected<CameraError> fault(const std::string& operation, int code, const std::string& remedy) const {
@@ -86,17 +114,25 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   }
   tl::expected<std::uint32_t, CameraError> choose_format(const V4l2Address& address) const;
   tl::expected<void, CameraError> set_format(const V4l2Address& address, std::uint32_t fourcc);
-  tl::expected<void, CameraError> map_buffers();
+  int request_buffers(v4l2_memory memory, std::uint32_t& count);
+  tl::expected<void, CameraError> get_buffers();
   tl::expected<Frame, CameraError> lend(const v4l2_buffer& buffer);
+  tl::expected<Frame, CameraError> lend_decoded(const v4l2_buffer& buffer, FrameInfo info);
   std::string size_text(std::uint32_t width, std::uint32_t height) const {
     return std::to_string(width) + " x " + std::to_string(height) + " px";
   }
 
-  std::string device_;
+  std::string path_, device_;
   FileDescriptor file_;
   V4l2Exposure exposure_;
+  V4l2Controls controls_;
   CameraMode mode_;
+  std::size_t image_bytes_ = 0;  ///< of the driver's image at most
+  v4l2_memory memory_ = V4L2_MEMORY_MMAP;
+  std::size_t least_bytes_ = 0;  ///< of a whole frame in the driver's buffer
   std::vector<Buffer> buffers_;
+  std::unique_ptr<PictureDecoder> decoder_;         ///< nullptr: frames are used in place
+  std::vector<std::vector<std::uint8_t>> decoded_;  ///< as many as buffers
   LeaseBook leases_;
   bool streaming_ = false, requested_ = false, has_sequence_ = false;
   std::uint64_t last_sequence_ = 0;
@@ -116,6 +152,7 @@ tl::expected<void, CameraError> V4l2Source::configure(const V4l2Address& address
   const auto fourcc = choose_format(address);
   if (!fourcc) return tl::unexpected(fourcc.error());
   if (auto set = set_format(address, *fourcc); !set) return set;
+  if (auto applied = controls_.apply(address.controls); !applied) return applied;
 
   // A rate that another program left behind would stay; drivers take the nearest they have, which is the fastest.
   v4l2_streamparm parameters{};
@@ -153,7 +190,7 @@ tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const V4l2Add
   if (wanted && std::find(delivered.begin(), delivered.end(), *wanted) != delivered.end()) return *wanted;
   return unsupported("choosing a format",
                      (address.fourcc ? "it does not deliver " + fourcc_text(*address.fourcc)
-                                     : std::string("it delivers neither GREY nor YUYV")) +
+                                     : std::string("it delivers no format that can be scanned with")) +
                          ", it delivers " + (offered.empty() ? "nothing" : offered),
                      "use a format that it delivers (`celadon cameras` lists them) or another camera");
 }
@@ -174,9 +211,8 @@ tl::expected<void, CameraError> V4l2Source::set_format(const V4l2Address& addres
   pixels.sizeimage = 0;
   const std::string wanted = size_text(pixels.width, pixels.height) + " " + fourcc_text(fourcc);
   if (const int code = v4l2_ioctl(file_.get(), VIDIOC_S_FMT, &format); code != 0) {
-    return fault(
-        "setting the format " + wanted, code,
-        code == EBUSY ? "another program uses the camera: close it" : "use a size that `celadon cameras` lists");
+    return fault("setting the format " + wanted, code,
+                 code == EBUSY ? close_other(address.path) : "use a size that `celadon cameras` lists");
   }
   if (pixels.pixelformat != fourcc || (address.width && pixels.width != *address.width) ||
       (address.height && pixels.height != *address.height)) {
@@ -189,56 +225,75 @@ tl::expected<void, CameraError> V4l2Source::set_format(const V4l2Address& addres
     return unsupported("setting the format " + wanted, "the camera delivers interlaced fields",
                        "choose a progressive input of the camera");
   }
-  mode_.format = fourcc == V4L2_PIX_FMT_GREY ? PixelFormat::grey8 : PixelFormat::yuyv;
-  const std::size_t row_bytes = std::size_t{pixels.width} * bytes_per_pixel(mode_.format);
-  mode_.stride_bytes = std::max<std::size_t>(pixels.bytesperline, row_bytes);
-  if (pixels.width < 1 || pixels.width > 65535 || pixels.height < 1 || pixels.height > 65535 ||
-      mode_.stride_bytes * pixels.height > pixels.sizeimage) {
+  const bool yuyv = fourcc == V4L2_PIX_FMT_YUYV;
+  const bool packed = yuyv || fourcc == V4L2_PIX_FMT_UYVY;
+  mode_.format = yuyv ? PixelFormat::yuyv : PixelFormat::grey8;
+  const auto stride_bytes = std::max<std::size_t>(pixels.bytesperline, pixels.width * bytes_per_pixel(mode_.format));
+  mode_.saturated_level = (packed || fourcc == V4L2_PIX_FMT_NV12) && limited_range(pixels) ? 235 : 250;
+  decoder_ = PictureDecoder::of(fourcc, static_cast<int>(pixels.width), static_cast<int>(pixels.height), stride_bytes);
+  mode_.stride_bytes = decoder_ ? pixels.width : stride_bytes;
+  least_bytes_ = decoder_ ? decoder_->least_bytes() : stride_bytes * pixels.height;
+  if (pixels.width < 8 || pixels.width > 65535 || pixels.height < 2 || pixels.height > 65535 ||
+      least_bytes_ > pixels.sizeimage) {
     return tl::unexpected(
         camera_fault(Kind::protocol, device_, "setting the format " + wanted,
                      "the driver's image of " + std::to_string(pixels.sizeimage) + " bytes is smaller than its rows",
                      "this is a fault of the driver: use another format"));
   }
+  image_bytes_ = pixels.sizeimage;
   mode_.width_px = static_cast<int>(pixels.width);
   mode_.height_px = static_cast<int>(pixels.height);
   return {};
 }
 
-tl::expected<void, CameraError> V4l2Source::map_buffers() {
-  const char* operation = "getting frame buffers";
+int V4l2Source::request_buffers(v4l2_memory memory, std::uint32_t& count) {
   v4l2_requestbuffers request{};
-  request.count = kBuffers;
+  request.count = count;
   request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  request.memory = V4L2_MEMORY_MMAP;
-  if (const int code = v4l2_ioctl(file_.get(), VIDIOC_REQBUFS, &request); code != 0) {
-    return fault(
-        operation, code,
-        code == EBUSY ? "another program streams from the camera: close it" : "free some memory or use a smaller size");
+  request.memory = memory;
+  const int code = v4l2_ioctl(file_.get(), VIDIOC_REQBUFS, &request);
+  count = request.count;
+  return code;
+}
+
+tl::expected<void, CameraError> V4l2Source::get_buffers() {
+  const char* operation = "getting frame buffers";
+  std::uint32_t count = kBuffers;
+  memory_ = V4L2_MEMORY_MMAP;
+  int code = request_buffers(memory_, count);
+  if (code == EINVAL) {
+    memory_ = V4L2_MEMORY_USERPTR;
+    count = kBuffers;
+    code = request_buffers(memory_, count);
+  }
+  if (code != 0) {
+    return fault(operation, code, code == EBUSY ? close_other(path_) : "free some memory or use a smaller size");
   }
   requested_ = true;
-  if (request.count < kFewestBuffers) {
-    return unsupported(operation, "the driver gave " + std::to_string(request.count) + " and streaming needs 2",
+  if (count < kFewestBuffers) {
+    return unsupported(operation, "the driver gave " + std::to_string(count) + " and streaming needs 2",
                        "free some memory or use a smaller size");
   }
-  const std::size_t frame_bytes = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
-  for (std::uint32_t i = 0; i < request.count; ++i) {
+  for (std::uint32_t i = 0; i < count; ++i) {
     v4l2_buffer buffer{};
     buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    buffer.memory = V4L2_MEMORY_MMAP;
+    buffer.memory = memory_;
     buffer.index = i;
-    if (const int code = v4l2_ioctl(file_.get(), VIDIOC_QUERYBUF, &buffer); code != 0) {
+    if (code = v4l2_ioctl(file_.get(), VIDIOC_QUERYBUF, &buffer); code != 0) {
       return fault(operation, code, "try another camera");
     }
-    if (buffer.length < frame_bytes) {
-      return unsupported(
-          operation,
-          "a buffer has " + std::to_string(buffer.length) + " bytes and a frame " + std::to_string(frame_bytes),
-          "this is a fault of the driver: use another format");
+    const bool mapped = memory_ == V4L2_MEMORY_MMAP;
+    const std::size_t size = mapped ? buffer.length : image_bytes_;
+    if (size < least_bytes_) {
+      return unsupported(operation,
+                         "a buffer has " + std::to_string(size) + " bytes and a frame " + std::to_string(least_bytes_),
+                         "this is a fault of the driver: use another format");
     }
-    void* address =
-        ::mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, file_.get(), static_cast<off_t>(buffer.m.offset));
+    void* address = mapped
+                        ? ::mmap(nullptr, size, PROT_READ, MAP_SHARED, file_.get(), static_cast<off_t>(buffer.m.offset))
+                        : ::mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (address == MAP_FAILED) return fault("mapping frame buffers", errno, "free some memory");
-    buffers_.push_back({address, buffer.length});
+    buffers_.push_back({address, size});
     if ((buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_COPY) {
       return unsupported("streaming", "the driver does not stamp frames", "use another camera or driver");
     }
@@ -247,14 +302,18 @@ tl::expected<void, CameraError> V4l2Source::map_buffers() {
                             : StampPoint::end_of_frame;
   }
   leases_.resize(buffers_.size());
+  if (decoder_ != nullptr) {
+    const std::size_t bytes = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
+    decoded_.assign(buffers_.size(), std::vector<std::uint8_t>(bytes));
+  }
   return {};
 }
 
 tl::expected<void, CameraError> V4l2Source::start() {
   if (streaming_) return {};
-  if (auto mapped = map_buffers(); !mapped) {
+  if (auto got = get_buffers(); !got) {
     stop();
-    return mapped;
+    return got;
   }
   int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
   int code = 0;
@@ -263,7 +322,7 @@ tl::expected<void, CameraError> V4l2Source::start() {
   if (code != 0) {
     auto error = fault("starting the stream", code,
                        code == ENOSPC  ? "the USB bus has no room for this format: use a smaller size or another port"
-                       : code == EBUSY ? "another program streams from the camera: close it"
+                       : code == EBUSY ? close_other(path_)
                                        : "unplug the camera and connect it again");
     stop();
     return error;
@@ -281,10 +340,8 @@ void V4l2Source::stop() noexcept {
   for (const Buffer& buffer : buffers_) ::munmap(buffer.address, buffer.size);
   buffers_.clear();
   if (std::exchange(requested_, false)) {
-    v4l2_requestbuffers none{};
-    none.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    none.memory = V4L2_MEMORY_MMAP;
-    v4l2_ioctl(file_.get(), VIDIOC_REQBUFS, &none);
+    std::uint32_t none = 0;
+    request_buffers(memory_, none);
   }
 }
 
@@ -300,7 +357,7 @@ tl::expected<Frame, CameraError> V4l2Source::next(std::int64_t timeout_ns) {
   for (;;) {
     v4l2_buffer buffer{};
     buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    buffer.memory = V4L2_MEMORY_MMAP;
+    buffer.memory = memory_;
     const int code = v4l2_ioctl(file_.get(), VIDIOC_DQBUF, &buffer);
     if (code == 0) return lend(buffer);
     if (code != EAGAIN) return fault(operation, code, "stop and start the camera; if it stays so, connect it again");
@@ -318,7 +375,7 @@ tl::expected<Frame, CameraError> V4l2Source::next(std::int64_t timeout_ns) {
     if ((poll.revents & (POLLERR | POLLHUP | POLLNVAL)) != 0) {
       v4l2_buffer last{};
       last.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-      last.memory = V4L2_MEMORY_MMAP;
+      last.memory = memory_;
       const int cause = v4l2_ioctl(file_.get(), VIDIOC_DQBUF, &last);
       if (cause == 0) return lend(last);
       // A queue in error that has nothing to say would make this loop spin.
@@ -329,7 +386,7 @@ tl::expected<Frame, CameraError> V4l2Source::next(std::int64_t timeout_ns) {
 }
 
 tl::expected<Frame, CameraError> V4l2Source::lend(const v4l2_buffer& buffer) {
-  if (buffer.index >= buffers_.size() || leases_.is_lent(buffer.index)) {
+  if (buffer.index >= buffers_.size() || (decoder_ == nullptr && leases_.is_lent(buffer.index))) {
     return tl::unexpected(camera_fault(Kind::protocol, device_, "waiting for a frame",
                                        "the driver named buffer " + std::to_string(buffer.index),
                                        "open the camera again"));
@@ -341,7 +398,6 @@ tl::expected<Frame, CameraError> V4l2Source::lend(const v4l2_buffer& buffer) {
         "the driver's time stamps are not of CLOCK_MONOTONIC (flags " + std::to_string(buffer.flags) + ")",
         "use another driver, or load uvcvideo with clock=CLOCK_MONOTONIC");
   }
-  const std::size_t frame_bytes = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
   FrameInfo info;
   // The driver counts in 32 bits and starts anew with the stream.
   const std::uint32_t step = buffer.sequence - static_cast<std::uint32_t>(last_sequence_);
@@ -349,12 +405,27 @@ tl::expected<Frame, CameraError> V4l2Source::lend(const v4l2_buffer& buffer) {
   info.lost_before = has_sequence_ && step > 0 ? step - 1 : 0;
   info.stamp_ns = std::int64_t{buffer.timestamp.tv_sec} * 1'000'000'000 + std::int64_t{buffer.timestamp.tv_usec} * 1000;
   info.exposure_ns = mode_.exposure_ns;
-  info.corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused < frame_bytes;
+  info.corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused < least_bytes_;
   last_sequence_ = info.sequence;
   has_sequence_ = true;
+  if (decoder_ != nullptr) return lend_decoded(buffer, info);
   leases_.lend(buffer.index);
-  return Frame(this, buffer.index, {static_cast<const std::uint8_t*>(buffers_[buffer.index].address), frame_bytes},
+  return Frame(this, buffer.index, {static_cast<const std::uint8_t*>(buffers_[buffer.index].address), least_bytes_},
                info);
+}
+
+tl::expected<Frame, CameraError> V4l2Source::lend_decoded(const v4l2_buffer& buffer, FrameInfo info) {
+  std::uint32_t slot = 0;
+  while (leases_.is_lent(slot)) ++slot;  // next() saw that one is free
+  std::vector<std::uint8_t>& grey = decoded_[slot];
+  const Buffer& from = buffers_[buffer.index];
+  const std::size_t used = std::min<std::size_t>(buffer.bytesused, from.size);
+  if (!info.corrupt && !decoder_->decode({static_cast<const std::uint8_t*>(from.address), used}, grey)) {
+    info.corrupt = true;
+  }
+  static_cast<void>(queue(buffer.index));
+  leases_.lend(slot);
+  return Frame(this, slot, grey, info);
 }
 
 }  // namespace
@@ -366,7 +437,7 @@ tl::expected<std::unique_ptr<FrameSource>, CameraError> open_v4l2_source(const s
   FileDescriptor file(::open(address->path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
   if (!file) {
     const int code = errno;
-    const auto fault = [&](Kind kind, const char* remedy) {
+    const auto fault = [&](Kind kind, const std::string& remedy) {
       return tl::unexpected(camera_fault(kind, device, "opening", code, remedy));
     };
     switch (code) {
@@ -379,12 +450,12 @@ tl::expected<std::unique_ptr<FrameSource>, CameraError> open_v4l2_source(const s
       case EPERM:
         return fault(Kind::permission, "add the user of this program to the group video and log in again");
       case EBUSY:
-        return fault(Kind::busy, "another program uses the camera: close it");
+        return fault(Kind::busy, close_other(address->path));
       default:
         return fault(Kind::system, "check the address of the camera");
     }
   }
-  auto source = std::make_unique<V4l2Source>(device, std::move(file));
+  auto source = std::make_unique<V4l2Source>(address->path, device, std::move(file));
   if (auto ready = source->configure(*address); !ready) return tl::unexpected(std::move(ready.error()));
   return source;
 }

@@ -9,7 +9,7 @@ namespace {
 constexpr std::int64_t kMillisecond_ns = 1'000'000;
 constexpr std::int64_t kCameraSilence_ns = 2'000 * kMillisecond_ns;
 constexpr int kMostStaleFrames = 200;
-constexpr int kMostUnlitFrames = 20;  // in a row
+constexpr int kMostUnlitFrames = 20;                           // in a row
 constexpr std::int64_t kDarkLimit_ns = 100 * kMillisecond_ns;  // of a laser that is switched on
 constexpr std::int64_t kStampSlack_ns = 5 * kMillisecond_ns;
 

@@ -32,6 +32,8 @@ class FrameFeed {
   /// Keeps a frame that was used; nothing without a recording.
   tl::expected<void, ScanStop> keep(const Frame& frame, const AngleAtInstant& angle, FrameUse use);
 
+  /// Which laser is meant from now on. @pre it is off
+  void use_laser(int laser) { laser_ = laser; }
   /// Grants the first lease. The laser stays on while next() accepts frames.
   tl::expected<void, ScanStop> laser_on();
   /// After a move without frames: renews the lease, or grants a new one if it ran out.
@@ -43,9 +45,9 @@ class FrameFeed {
   void set_warm_up(std::int64_t warm_up_ns) { leases_.set_warm_up(warm_up_ns); }
 
   /// The next frame that is whole, not the one before once more and, with the laser on, exposed while the laser's lease
-  /// lasted; the lease is renewed for it and the device polled after it. Ends with a stop when cancelled, when the button
-  /// was pressed, when no good frame came for two seconds, when the lease runs out before one frame after the other,
-  /// when time stamps cannot be, or when the device is not fit to scan.
+  /// lasted; the lease is renewed for it and the device polled after it. Ends with a stop when cancelled, when the
+  /// button was pressed, when no good frame came for two seconds, when the lease runs out before one frame after the
+  /// other, when time stamps cannot be, or when the device is not fit to scan.
   tl::expected<Frame, ScanStop> next();
   /// The same, but frames whose exposure began before an instant of the host clock, or while the laser warmed up, are
   /// dropped and counted as stale.
@@ -83,7 +85,7 @@ class FrameFeed {
   const ScanEquipment equipment_;
   ScanObserver& observer_;
   const Triangulator& triangulator_;
-  const int laser_;
+  int laser_;
   ProfileLogWriter* log_ = nullptr;
   RecordingWriter* recording_ = nullptr;
   AngleTimeline timeline_;

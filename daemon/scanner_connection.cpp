@@ -45,34 +45,27 @@ tl::expected<std::unique_ptr<Transport>, ConnectError> open_drive(const DriveCon
   return open_foreign_machine(machine, std::move(*to_drive), std::move(*to_io), clock).map_error(connect_error);
 }
 
+/// Clock and, of a simulator, truth.
+tl::expected<void, ConnectError> open_simulator(const std::string& camera_url, ScannerConnection& connection) {
+  connection.clock = std::make_unique<MonotonicClock>();
+  if (camera_url.rfind(kSim, 0) != 0) return {};
+  const std::string folder = camera_url.substr(std::string(kSim).size());
+  auto control = SimControl::open(folder);
+  if (!control) return unconnected(control.error());
+  auto for_truth = SimControl::open(folder);
+  if (!for_truth) return unconnected(for_truth.error());
+  connection.truth = std::make_unique<SimTruth>(std::move(*for_truth));
+  if ((*control)->lock_step()) connection.clock = std::make_unique<SimClock>(std::move(*control));
+  return {};
+}
+
 }  // namespace
 
-tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
-                                                              const std::string& camera_url,
-                                                              const Calibration& calibration,
-                                                              const std::optional<DriveConfig>& drive,
-                                                              const MotionConfig& motion) {
+tl::expected<ScannerConnection, ConnectError> open_scanner(const std::string& device_url, const std::string& camera_url,
+                                                           const std::optional<DriveConfig>& drive,
+                                                           const MotionConfig& motion) {
   ScannerConnection connection;
-  connection.clock = std::make_unique<MonotonicClock>();
-  if (camera_url.rfind(kSim, 0) == 0) {
-    const std::string folder = camera_url.substr(std::string(kSim).size());
-    auto control = SimControl::open(folder);
-    if (!control) return unconnected(control.error());
-    auto for_truth = SimControl::open(folder);
-    if (!for_truth) return unconnected(for_truth.error());
-    connection.truth = std::make_unique<SimTruth>(std::move(*for_truth));
-    if ((*control)->lock_step()) connection.clock = std::make_unique<SimClock>(std::move(*control));
-  }
-
-  if (device_url.empty()) {
-    auto recording = open_frame_source(camera_url);
-    if (!recording) return unconnected(recording.error().message, true);
-    connection.camera = std::move(*recording);
-    const CameraMode& mode = connection.camera->mode();
-    auto checked = check_calibration(calibration, calibration.machine, mode.identity, mode.width_px, mode.height_px);
-    if (!checked) return unconnected(checked.error().message, true);
-    return connection;
-  }
+  if (auto opened = open_simulator(camera_url, connection); !opened) return tl::make_unexpected(opened.error());
   auto transport =
       drive ? open_drive(*drive, device_url, *connection.clock) : open_transport(device_url).map_error(connect_error);
   if (!transport) return tl::make_unexpected(std::move(transport.error()));
@@ -93,6 +86,28 @@ tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string&
   if (!camera) return unconnected(camera.error().message);
   connection.camera = std::move(*camera);
 
+  return connection;
+}
+
+tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
+                                                              const std::string& camera_url,
+                                                              const Calibration& calibration,
+                                                              const std::optional<DriveConfig>& drive,
+                                                              const MotionConfig& motion) {
+  if (device_url.empty()) {
+    ScannerConnection connection;
+    if (auto opened = open_simulator(camera_url, connection); !opened) return tl::make_unexpected(opened.error());
+    auto recording = open_frame_source(camera_url);
+    if (!recording) return unconnected(recording.error().message, true);
+    connection.camera = std::move(*recording);
+    const CameraMode& mode = connection.camera->mode();
+    auto checked = check_calibration(calibration, calibration.machine, mode.identity, mode.width_px, mode.height_px);
+    if (!checked) return unconnected(checked.error().message, true);
+    return connection;
+  }
+  auto opened = open_scanner(device_url, camera_url, drive, motion);
+  if (!opened) return opened;
+  ScannerConnection& connection = *opened;
   const CameraMode& mode = connection.camera->mode();
   auto checked = check_calibration(calibration, connection.device->identity().machine, mode.identity, mode.width_px,
                                    mode.height_px);
@@ -104,7 +119,7 @@ tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string&
                            "; calibrate this machine or give its calibration.",
                        true);
   }
-  return connection;
+  return opened;
 }
 
 }  // namespace celadon

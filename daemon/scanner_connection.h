@@ -35,8 +35,14 @@ struct ConnectError {
   bool wrong_configuration = false;
 };
 
-/// Opens everything; of a recording ("replay:FOLDER") the camera alone. The clock is the simulator's when the camera is
-/// "sim:FOLDER" in lock-step. With a drive the device's URL is the drive's.
+/// Opens machine and camera, whatever their calibration. The clock is the simulator's when the camera is "sim:FOLDER"
+/// in lock-step. With a drive the device's URL is the drive's.
+/// @pre device_url is not empty
+tl::expected<ScannerConnection, ConnectError> open_scanner(const std::string& device_url, const std::string& camera_url,
+                                                           const std::optional<DriveConfig>& drive = std::nullopt,
+                                                           const MotionConfig& motion = {});
+
+/// The same, checked against a calibration; of a recording ("replay:FOLDER") the camera alone.
 tl::expected<ScannerConnection, ConnectError> connect_scanner(const std::string& device_url,
                                                               const std::string& camera_url,
                                                               const Calibration& calibration,

@@ -78,7 +78,9 @@ void print(const V4l2Device& device) {
     std::printf(" (%lld to %lld%s)\n", static_cast<long long>(control.minimum), static_cast<long long>(control.maximum),
                 control.inactive ? ", held by another control" : "");
   }
-  if (preferred == nullptr) std::printf("  problem     it delivers neither GREY nor YUYV and cannot be scanned with\n");
+  if (preferred == nullptr) {
+    std::printf("  problem     it cannot be scanned with: it delivers none of %s\n", usable_formats().c_str());
+  }
 }
 
 int cameras(bool as_json) {

@@ -29,17 +29,18 @@ TEST(V4l2Devices, AComputerWithoutCamerasHasNone) {
   EXPECT_TRUE(list_v4l2_devices("/nowhere").empty());
 }
 
-TEST(V4l2Devices, GreyIsTakenBeforeYuyvAndNothingElse) {
+TEST(V4l2Devices, TheFormatThatSuitsBestIsTaken) {
   V4l2Device device;
   const auto offer = [&](std::uint32_t fourcc) { device.formats.push_back({fourcc, "", true, {}}); };
   EXPECT_EQ(preferred_format(device), nullptr);
-  offer(V4L2_PIX_FMT_MJPEG);
+  offer(V4L2_PIX_FMT_H264);
   EXPECT_EQ(preferred_format(device), nullptr);
-  offer(V4L2_PIX_FMT_YUYV);
-  ASSERT_NE(preferred_format(device), nullptr);
-  EXPECT_EQ(preferred_format(device)->fourcc, V4L2_PIX_FMT_YUYV);
-  offer(V4L2_PIX_FMT_GREY);
-  EXPECT_EQ(preferred_format(device)->fourcc, V4L2_PIX_FMT_GREY);
+  for (const std::uint32_t better : {V4L2_PIX_FMT_MJPEG, V4L2_PIX_FMT_SRGGB8, V4L2_PIX_FMT_YUYV, V4L2_PIX_FMT_NV12,
+                                     V4L2_PIX_FMT_Y16, V4L2_PIX_FMT_GREY}) {
+    offer(better);
+    ASSERT_NE(preferred_format(device), nullptr);
+    EXPECT_EQ(preferred_format(device)->fourcc, better);
+  }
 }
 
 }  // namespace

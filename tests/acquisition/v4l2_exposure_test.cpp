@@ -8,6 +8,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdarg>
 #include <cstdio>
@@ -45,8 +46,9 @@ class FakeCamera {
   FakeCamera(const FakeCamera&) = delete;
   FakeCamera& operator=(const FakeCamera&) = delete;
 
-  std::unique_ptr<FrameSource> open() const {
-    auto source = open_frame_source("v4l2:" + name_);
+  std::string address() const { return "v4l2:" + name_; }
+  std::unique_ptr<FrameSource> open(const std::string& options = "") const {
+    auto source = open_frame_source(address() + options);
     EXPECT_TRUE(source) << source.error().message;
     return source ? std::move(*source) : nullptr;
   }
@@ -96,9 +98,13 @@ class FakeCamera {
         buffer.flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
         return 0;
       }
-      case VIDIOC_QBUF:
-        queued_.push_back(static_cast<v4l2_buffer*>(argument)->index);
+      case VIDIOC_QBUF: {
+        const auto& buffer = *static_cast<v4l2_buffer*>(argument);
+        if (maps_nothing && (buffer.memory != V4L2_MEMORY_USERPTR || buffer.length < kFrameBytes)) return EINVAL;
+        places[buffer.index] = buffer.m.userptr;
+        queued_.push_back(buffer.index);
         return 0;
+      }
       case VIDIOC_DQBUF: {
         if (queued_.empty()) return EAGAIN;
         auto& buffer = *static_cast<v4l2_buffer*>(argument);
@@ -106,12 +112,18 @@ class FakeCamera {
         queued_.erase(queued_.begin());
         buffer.sequence = sequence_++;
         buffer.bytesused = kFrameBytes;
+        if (maps_nothing) {
+          std::memset(reinterpret_cast<void*>(places[buffer.index]), static_cast<int>(buffer.sequence), kFrameBytes);
+        }
         buffer.flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
         return 0;
       }
       case VIDIOC_STREAMON:
         return 0;
       case VIDIOC_REQBUFS:
+        if (maps_nothing && static_cast<v4l2_requestbuffers*>(argument)->memory != V4L2_MEMORY_USERPTR) return EINVAL;
+        queued_.clear();
+        return 0;
       case VIDIOC_STREAMOFF:
         queued_.clear();
         return 0;
@@ -120,6 +132,18 @@ class FakeCamera {
         if (!controls.contains(query.id)) return EINVAL;
         query.minimum = 3;
         query.maximum = 2047;
+        return 0;
+      }
+      case VIDIOC_QUERY_EXT_CTRL: {
+        auto& query = *static_cast<v4l2_query_ext_ctrl*>(argument);
+        const auto next = controls.upper_bound(query.id & ~V4L2_CTRL_FLAG_NEXT_CTRL);
+        if (next == controls.end()) return EINVAL;
+        query = {};
+        query.id = next->first;
+        query.type = V4L2_CTRL_TYPE_INTEGER;
+        query.maximum = 2047;
+        std::snprintf(query.name, sizeof query.name, "%s",
+                      names.contains(next->first) ? names.at(next->first) : "Other");
         return 0;
       }
       case VIDIOC_G_CTRL: {
@@ -132,6 +156,7 @@ class FakeCamera {
       case VIDIOC_S_CTRL: {
         const auto& control = *static_cast<v4l2_control*>(argument);
         if (!controls.contains(control.id)) return EINVAL;
+        order.push_back(control.id);
         if (control.id == kTime && is_automatic()) return EACCES;
         if (control.id == kTime && (control.value < 3 || control.value > 2047)) return ERANGE;
         if (unwritable == control.id) return EIO;
@@ -150,10 +175,19 @@ class FakeCamera {
 
   static FakeCamera* present;
   std::map<std::uint32_t, std::int32_t> controls = {{kAuto, V4L2_EXPOSURE_APERTURE_PRIORITY}, {kTime, 156}};
-  std::set<unsigned long> failing;  ///< requests
+  std::map<std::uint32_t, const char*> names = {{V4L2_CID_GAIN, "Gain"},
+                                                {V4L2_CID_AUTO_WHITE_BALANCE, "White Balance, Automatic"},
+                                                {V4L2_CID_WHITE_BALANCE_TEMPERATURE, "White Balance Temperature"},
+                                                {V4L2_CID_FOCUS_AUTO, "Focus, Automatic Continuous"},
+                                                {V4L2_CID_FOCUS_ABSOLUTE, "Focus, Absolute"},
+                                                {V4L2_CID_POWER_LINE_FREQUENCY, "Power Line Frequency"}};
+  std::vector<std::uint32_t> order;  ///< of the controls that were set, or tried to
+  std::set<unsigned long> failing;   ///< requests
   std::uint32_t unreadable = 0, unwritable = 0;
   std::int32_t step = 1;  ///< values are rounded down to it
   bool unplugged = false;
+  bool maps_nothing = false;  ///< frames only into memory of the program's
+  std::map<std::uint32_t, unsigned long> places;
 
  private:
   std::string name_;
@@ -293,6 +327,96 @@ TEST(V4l2Exposure, of_a_camera_that_is_unplugged_is_told_and_harmless) {
   EXPECT_EQ(set.error().kind, Kind::unplugged);
   EXPECT_EQ(set.error().errno_value, ENODEV);
   EXPECT_THAT(set.error().message, HasSubstr("connect the camera"));
+}
+
+TEST(V4l2Source, streams_into_memory_of_its_own_where_the_driver_maps_none) {
+  FakeCamera camera;
+  camera.maps_nothing = true;
+  auto source = camera.open();
+  ASSERT_TRUE(source->start());
+  for (int i = 0; i < 20; ++i) {
+    const auto frame = source->next(0);
+    ASSERT_TRUE(frame) << frame.error().message;
+    EXPECT_EQ(frame->bytes().size(), kFrameBytes);
+    EXPECT_EQ(std::count(frame->bytes().begin(), frame->bytes().end(), i), kFrameBytes);
+  }
+  source->stop();
+  ASSERT_TRUE(source->start());
+}
+
+constexpr std::uint32_t kGain = V4L2_CID_GAIN, kWhite = V4L2_CID_AUTO_WHITE_BALANCE,
+                        kWarmth = V4L2_CID_WHITE_BALANCE_TEMPERATURE, kFocusing = V4L2_CID_FOCUS_AUTO,
+                        kFocus = V4L2_CID_FOCUS_ABSOLUTE, kMains = V4L2_CID_POWER_LINE_FREQUENCY;
+
+Controls many() {
+  Controls controls = kFound;
+  controls.insert({{kGain, 8}, {kWhite, 1}, {kWarmth, 4000}, {kFocusing, 1}, {kFocus, 30}, {kMains, 0}});
+  return controls;
+}
+
+TEST(V4l2Controls, automatics_are_off_while_the_camera_is_open) {
+  FakeCamera camera;
+  camera.controls = many();
+  auto source = camera.open();
+  Controls still = many();
+  still[kWhite] = still[kFocusing] = 0;
+  EXPECT_EQ(camera.controls, still);
+  source.reset();
+  EXPECT_EQ(camera.controls, many());
+}
+
+TEST(V4l2Controls, named_ones_are_set_in_their_order_and_put_back_in_the_opposite) {
+  FakeCamera camera;
+  camera.controls = many();
+  auto source = camera.open("?gain=32&focus_absolute=70&power_line_frequency=1");
+  Controls set = many();
+  set[kWhite] = set[kFocusing] = 0;
+  set[kGain] = 32;
+  set[kFocus] = 70;
+  set[kMains] = 1;
+  EXPECT_EQ(camera.controls, set);
+  std::vector<std::uint32_t> order = camera.order;
+  EXPECT_EQ(order, (std::vector<std::uint32_t>{kWhite, kFocusing, kGain, kFocus, kMains}));
+  camera.order.clear();
+  source.reset();
+  EXPECT_EQ(camera.controls, many());
+  std::reverse(order.begin(), order.end());
+  EXPECT_EQ(camera.order, order);
+}
+
+TEST(V4l2Controls, an_automatic_that_is_named_stays_as_it_is_named) {
+  FakeCamera camera;
+  camera.controls = many();
+  auto source = camera.open("?white_balance_automatic=1");
+  EXPECT_EQ(camera.controls[kWhite], 1);
+  EXPECT_EQ(camera.controls[kFocusing], 0);
+}
+
+TEST(V4l2Controls, what_is_missing_out_of_range_or_refused_is_named_and_nothing_stays_changed) {
+  const std::pair<const char*, const char*> refused[] = {{"?sharpness=3", "no such control"},
+                                                         {"?gain=5000", "0 to 2047"},
+                                                         {"?focus_absolute=70&sharpness=3", "sharpness"}};
+  for (const auto& [options, words] : refused) {
+    FakeCamera camera;
+    camera.controls = many();
+    const auto source = open_frame_source(camera.address() + options);
+    ASSERT_FALSE(source) << options;
+    EXPECT_THAT(source.error().message, HasSubstr(words));
+    EXPECT_EQ(camera.controls, many()) << options;
+  }
+  FakeCamera camera;
+  camera.controls = many();
+  camera.unwritable = kGain;
+  const auto source = open_frame_source(camera.address() + "?gain=32");
+  ASSERT_FALSE(source);
+  EXPECT_EQ(source.error().errno_value, EIO);
+  EXPECT_THAT(source.error().message, HasSubstr("gain to 32"));
+  EXPECT_EQ(camera.controls, many());
+  camera.unwritable = 0;
+  camera.step = 5;
+  const auto rounded = open_frame_source(camera.address() + "?gain=32");
+  ASSERT_FALSE(rounded);
+  EXPECT_THAT(rounded.error().message, HasSubstr("took 30"));
 }
 
 }  // namespace

@@ -44,7 +44,7 @@ class FakeMachine {
   std::atomic<int> corrupt_every = 0;       ///< frames
   std::atomic<double> slip_per_turn_deg = 0;
   std::atomic<std::int64_t> stamp_step_us = 0;
-  std::atomic<std::int64_t> late_us = 0;   ///< every second frame is exposed so much later, or every one
+  std::atomic<std::int64_t> late_us = 0;  ///< every second frame is exposed so much later, or every one
   std::atomic<bool> all_late = false;
   std::atomic<bool> laser_hidden = false;  ///< shines always, and the controller does not see it
 

@@ -61,11 +61,13 @@ Told scan(
                           task, observer);
   EXPECT_EQ(machine.lasers(), 0);
   EXPECT_EQ(machine.speed(), 0);
-  if (!outcome) return {false, outcome.error().reason};
-  Told told{true, ""};
-  for (const std::string& warning : outcome->warnings) told.text += warning + " ";
+  Told told;
+  told.done = outcome.has_value();
+  if (!outcome) told.text = outcome.error().reason;
+  for (const std::string& warning : outcome ? outcome->warnings : std::vector<std::string>())
+    told.text += warning + " ";
   auto log = ProfileLogReader::open(task.log_file);
-  while (const Profile* profile = (*log)->next()) {
+  for (const Profile* profile = nullptr; log && (profile = (*log)->next()) != nullptr;) {
     told.smallest_profile = told.profiles == 0 ? profile->size() : std::min(told.smallest_profile, profile->size());
     ++told.profiles;
   }
@@ -106,27 +108,24 @@ TEST(ScanFault, ALaserThatDoesNotEmitIsNamed) {
 TEST(ScanFault, FramesOfALaserWhoseLeaseRanOutAreTakenAgain) {
   FakeMachine steps, turns;
   const Told stepped = scan(
-      steps, ScanState::scanning, [&] { steps.late_us = 600'000; }, ScanMode::step);
+      steps, ScanState::scanning, [&] { steps.late_us = 1'500'000; }, ScanMode::step);
   EXPECT_TRUE(says(stepped, true, "lease had run out"));
   EXPECT_EQ(stepped.profiles, 16u);
   EXPECT_GT(stepped.smallest_profile, 100u);
-  const Told swept = scan(turns, ScanState::scanning, [&] { turns.late_us = 600'000; });
-  EXPECT_NE(swept.text.find("lease had run out"), std::string::npos) << swept.text;
-  if (swept.profiles > 0) {
-    EXPECT_GT(swept.smallest_profile, 100u);
-  }
+  // A sweep goes on; what it takes was lit.
+  const Told swept = scan(turns, ScanState::scanning, [&] { turns.late_us = 520'000; });
+  EXPECT_GT(swept.profiles, 0u);
+  EXPECT_GT(swept.smallest_profile, 100u);
 }
 
+// A frame right after a move may still be lit by chance; not so every one of a sweep.
 TEST(ScanFault, FramesThatAllComeAfterTheLeaseEndTheScan) {
-  for (const ScanState state : {ScanState::preparing, ScanState::scanning}) {
-    for (const ScanMode mode : {ScanMode::sweep, ScanMode::step}) {
-      FakeMachine machine;
-      machine.all_late = true;
-      EXPECT_TRUE(says(scan(
-                           machine, state, [&] { machine.late_us = 600'000; }, mode),
-                       false, "lease of 500 ms had run out"));
-    }
-  }
+  FakeMachine before, sweeping;
+  before.all_late = sweeping.all_late = true;
+  EXPECT_TRUE(says(scan(before, ScanState::preparing, [&] { before.late_us = 1'500'000; }), false,
+                   "lease of 500 ms had run out"));
+  EXPECT_TRUE(says(scan(sweeping, ScanState::scanning, [&] { sweeping.late_us = 700'000; }), false,
+                   "lease of 500 ms had run out"));
 }
 
 TEST(ScanFault, ALaserThatShinesUnseenByItsSensorIsFoundInAFrame) {

@@ -5,8 +5,6 @@
 #include <gtest/gtest.h>
 #include <linux/videodev2.h>
 #include <sys/ioctl.h>
-#include <sys/mman.h>
-#include <turbojpeg.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -140,48 +138,30 @@ TEST(V4l2Uvc, gain_set_through_the_driver_makes_brighter_pictures) {
   EXPECT_NEAR(bright, 0.5 * kWidth * kHeight, 0.05 * kWidth * kHeight);
 }
 
-/// One picture in a format that the scanner itself does not take.
-std::vector<std::uint8_t> capture(std::uint32_t fourcc) {
-  const sim::FileDescriptor node(::open(kNode, O_RDWR | O_CLOEXEC));
-  v4l2_format format{};
-  format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  format.fmt.pix.width = kWidth;
-  format.fmt.pix.height = kHeight;
-  format.fmt.pix.pixelformat = fourcc;
-  v4l2_requestbuffers request{};
-  request.count = 2;
-  request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  request.memory = V4L2_MEMORY_MMAP;
-  if (::ioctl(node.get(), VIDIOC_S_FMT, &format) != 0 || format.fmt.pix.pixelformat != fourcc ||
-      ::ioctl(node.get(), VIDIOC_REQBUFS, &request) != 0)
-    return {};
-  v4l2_buffer buffer{};
-  for (buffer.index = 0; buffer.index < request.count; ++buffer.index) {
-    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    buffer.memory = V4L2_MEMORY_MMAP;
-    if (::ioctl(node.get(), VIDIOC_QUERYBUF, &buffer) != 0 || ::ioctl(node.get(), VIDIOC_QBUF, &buffer) != 0) return {};
-  }
-  int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  if (::ioctl(node.get(), VIDIOC_STREAMON, &type) != 0 || ::ioctl(node.get(), VIDIOC_DQBUF, &buffer) != 0) return {};
-  void* mapped = ::mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, node.get(), buffer.m.offset);
-  if (mapped == MAP_FAILED) return {};
-  const auto* bytes = static_cast<const std::uint8_t*>(mapped);
-  std::vector<std::uint8_t> out(bytes, bytes + buffer.bytesused);
-  ::munmap(mapped, buffer.length);
-  return out;
-}
-
 TEST(V4l2Uvc, mjpeg_pictures_decode_to_the_pattern) {
   const Camera camera;
-  const auto jpeg = capture(V4L2_PIX_FMT_MJPEG);
-  const std::unique_ptr<void, int (*)(tjhandle)> decoder(tjInitDecompress(), tjDestroy);
-  std::vector<std::uint8_t> grey(static_cast<std::size_t>(kWidth * kHeight));
-  ASSERT_EQ(tjDecompress2(decoder.get(), jpeg.data(), jpeg.size(), grey.data(), kWidth, 0, kHeight, TJPF_GRAY, 0), 0);
-  double off = 0;
-  for (int y = 0; y < kHeight; ++y) {
-    for (int x = 0; x < kWidth; ++x) off += std::abs(grey[static_cast<std::size_t>(y * kWidth + x)] - pixel(0, x, y));
+  auto source = opened("?format=MJPG");
+  ASSERT_TRUE(source);
+  EXPECT_EQ(source->mode().format, PixelFormat::grey8);
+  ASSERT_TRUE(source->start());
+  for (int i = 0; i < 3; ++i) {
+    const auto frame = source->next(kPatience);
+    ASSERT_TRUE(frame) << frame.error().message;
+    EXPECT_FALSE(frame->info.corrupt);
+    // Patterns of later frames are brighter by a number that the compressed picture blurs: the best of all.
+    double least = 1e9;
+    for (int first = 0; first < 256; ++first) {
+      double off = 0;
+      for (int y = 0; y < kHeight; y += 4) {
+        for (int x = 0; x < kWidth; x += 4) {
+          const int grey = frame->bytes()[static_cast<std::size_t>(y * kWidth + x)];
+          off += std::abs(grey - pixel(static_cast<std::uint8_t>(first), x, y));
+        }
+      }
+      least = std::min(least, off / ((kWidth / 4) * (kHeight / 4)));
+    }
+    EXPECT_LT(least, 6) << "mean difference in levels, of a pattern that wraps";
   }
-  EXPECT_LT(off / (kWidth * kHeight), 6) << "mean difference in levels, of a pattern that wraps";
 }
 
 TEST(V4l2Uvc, a_camera_that_is_unplugged_while_streaming_is_told) {

@@ -142,6 +142,43 @@ TEST(V4l2Vivid, streams_grey_and_yuyv_in_place_and_says_what_the_kernel_said) {
   EXPECT_EQ(mappings(), 0);
 }
 
+/// Grey level of a bar for the shares of red, green and blue in it.
+using GreyOf = double (*)(double r, double g, double b);
+
+TEST(V4l2Vivid, formats_that_are_decoded_become_grey_and_nv12_is_read_in_place) {
+  const GreyOf limited = [](double r, double g, double b) {
+    return 16 + 219 * 0.75 * (0.299 * r + 0.587 * g + 0.114 * b);
+  };
+  const GreyOf full = [](double r, double g, double b) { return 255 * 0.75 * (0.2126 * r + 0.7152 * g + 0.0722 * b); };
+  const GreyOf mosaic = [](double r, double g, double b) { return 255 * 0.75 * (r + 2 * g + b) / 4; };
+  const std::pair<const char*, GreyOf> formats[] = {{"NV12", limited}, {"UYVY", limited}, {"Y10", full},
+                                                    {"Y12", full},     {"Y16", full},     {"BA81", mosaic},
+                                                    {"GBRG", mosaic},  {"GRBG", mosaic},  {"RGGB", mosaic}};
+  for (const auto& [format, grey_of] : formats) {
+    auto source = opened(std::string("?width=640&height=360&format=") + format);
+    ASSERT_TRUE(source) << format;
+    EXPECT_EQ(source->mode().format, PixelFormat::grey8) << format;
+    EXPECT_EQ(source->mode().saturated_level, grey_of == limited ? 235 : 250) << format;
+    ASSERT_TRUE(source->start());
+    std::vector<Frame> held;  // no picture may be written over while it is lent
+    for (int i = 0; i < 3; ++i) {
+      auto frame = source->next(kPatience);
+      ASSERT_TRUE(frame) << frame.error().message;
+      EXPECT_FALSE(frame->info.corrupt) << format;
+      EXPECT_EQ(is_mapping(kDevice, frame->bytes().data()), std::string(format) == "NV12") << format;
+      held.push_back(std::move(*frame));
+    }
+    EXPECT_NE(held[0].bytes().data(), held[1].bytes().data());
+    for (const Frame& frame : held) {
+      const std::array<int, 8> seen = bars(source->mode(), frame);
+      for (unsigned k = 0; k < 8; ++k) {  // white, yellow, cyan, green, magenta, red, blue, black
+        const double r = k % 4 < 2, g = k < 4, b = k % 2 == 0;
+        EXPECT_NEAR(seen[k], grey_of(r, g, b), 2.5) << format << ", bar " << k;
+      }
+    }
+  }
+}
+
 TEST(V4l2Vivid, grey_is_chosen_unless_another_format_is_given) {
   EXPECT_EQ(opened("")->mode().format, PixelFormat::grey8);
 }
