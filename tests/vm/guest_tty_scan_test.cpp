@@ -111,7 +111,7 @@ TEST(GuestTtyScan, PulledOutInTheMiddleItSaysSoAndScansAgainWhenPluggedIn) {
   adapter.plug();
   auto wire = std::make_unique<Wire>(line, kGadget);
   station.url = std::string("modbus-rtu:") + kHost;
-  const auto config = station.folder.write("celadond.toml", "[scan]\nprofiles = 36\n");
+  const auto config = station.folder.write("celadond.toml", "[scan]\nprofiles = 16\n");
   station.start_daemon({"--config", config});
 
   Program scan({"celadon", "scan", "--server", station.server(), "--json", "--profiles", "400"});

@@ -278,14 +278,29 @@ TEST(V4l2Vivid, a_buffer_with_an_error_is_corrupt_and_the_next_is_good) {
 TEST(V4l2Vivid, a_refused_stream_is_told_and_started_again) {
   const VividControls vivid(kDevice);
   auto source = opened();
-  for (const char* fault : {"Inject VIDIOC_REQBUFS Error", "Inject VIDIOC_STREAMON Error"}) {
-    vivid.set(fault);
-    const auto refused = source->start();
-    ASSERT_FALSE(refused) << fault;
-    EXPECT_THAT(refused.error().message, AllOf(HasSubstr(kDevice), HasSubstr("errno 22")));
-    EXPECT_EQ(mappings(), 0);
-    ASSERT_TRUE(source->start()) << fault;
-    EXPECT_TRUE(source->next(kPatience));
+  vivid.set("Inject VIDIOC_STREAMON Error");
+  const auto refused = source->start();
+  ASSERT_FALSE(refused);
+  EXPECT_THAT(refused.error().message, AllOf(HasSubstr(kDevice), HasSubstr("errno 22")));
+  EXPECT_EQ(mappings(), 0);
+  ASSERT_TRUE(source->start());
+  EXPECT_TRUE(source->next(kPatience));
+  source->stop();
+}
+
+// The driver refuses to map its memory, once: it is given some of the program's.
+TEST(V4l2Vivid, streams_into_the_programs_own_memory_where_the_driver_maps_none) {
+  const VividControls vivid(kDevice);
+  auto source = opened("?width=640&height=360&format=GREY");
+  for (const bool own : {true, false}) {
+    if (own) vivid.set("Inject VIDIOC_REQBUFS Error");
+    ASSERT_TRUE(source->start());
+    for (int i = 0; i < 20; ++i) {
+      const auto frame = source->next(kPatience);
+      ASSERT_TRUE(frame) << frame.error().message;
+      EXPECT_EQ(mappings() == 0, own);
+      EXPECT_NEAR(bars(source->mode(), *frame)[0], 255 * 0.75, 2);
+    }
     source->stop();
   }
 }
