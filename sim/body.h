@@ -3,8 +3,10 @@
 // the platter's top is z = 0.
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <optional>
+#include <vector>
 
 namespace celadon::sim {
 
@@ -21,6 +23,13 @@ struct BodyHit {
   Eigen::Vector3d normal_O;  ///< outward, of any length
   int surface = 0;           ///< smooth part of the surface that was met, >= 0
   int facet = 0;             ///< what refine() starts from
+  double print = 0;          ///< reflectance of what is printed there; 0: nothing is
+};
+
+/// A corner of a printed target.
+struct PrintedCorner {
+  int id = 0, corner = 0;  ///< as TargetCorner
+  Eigen::Vector3d p;
 };
 
 class Body {
@@ -46,6 +55,9 @@ class Body {
   /// Distance along a horizontal ray (unit length in the table frame) that begins on the table's axis; NaN if the body
   /// has no such point.
   virtual double reach_mm(const Ray& from_axis_O) const = 0;
+  /// Of calibration targets: what a detector finds, and the outlines of what is printed.
+  virtual std::vector<PrintedCorner> corners() const { return {}; }
+  virtual std::vector<std::array<Eigen::Vector3d, 4>> printed() const { return {}; }
 };
 
 }  // namespace celadon::sim

@@ -25,9 +25,10 @@ double from_udeg(std::int64_t udeg) {
   return static_cast<double>(udeg) * 1e-6 * kDegree;
 }
 
-Scene checked_scene(const std::string& name) {
-  auto scene = Scene::make(name);
+Scene checked_scene(const DeviceConfig& config) {
+  auto scene = Scene::make(config.scene);
   if (!scene) throw std::invalid_argument(scene.error());
+  scene->set_rim_tags(config.rim_tags);
   return *std::move(scene);
 }
 
@@ -52,7 +53,7 @@ DeviceConfig default_device(const CameraConfig& camera, double sheet_offset_mm, 
 
 DeviceModel::DeviceModel(const DeviceConfig& config)
     : config_(config),
-      scene_(checked_scene(config.scene)),
+      scene_(checked_scene(config)),
       table_([&] {
         TurntableConfig t = config.turntable;
         t.start_angle_rad = 2 * std::numbers::pi * random_uniform(make_key(config.seed, kStartAnglePurpose, 0), 0);

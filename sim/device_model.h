@@ -26,6 +26,7 @@ namespace celadon::sim {
 
 struct DeviceConfig {
   std::string scene = "vase";
+  int rim_tags = 0;  ///< fiducials round the platter's edge
   std::uint64_t seed = 1;
   std::string serial = "SIM-0001";
   std::string date;              ///< of the calibration, ISO 8601; empty: the day of the start
@@ -60,7 +61,7 @@ struct DeviceState {
 
 class DeviceModel final : private Plant {
  public:
-  /// @pre config.scene is one of Scene::names()
+  /// @throws std::invalid_argument if Scene::make refuses config.scene
   explicit DeviceModel(const DeviceConfig& config);
   DeviceModel(const DeviceModel&) = delete;
   DeviceModel& operator=(const DeviceModel&) = delete;

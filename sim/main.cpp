@@ -170,7 +170,7 @@ int print_truth(const Options& o, double angle_deg, double z_mm) {
 int write_frame(const Options& o, double angle_deg, double speed_deg_per_s, bool laser, const std::string& file) {
   const DeviceConfig device = device_of(o);
   const double angle = angle_deg * std::numbers::pi / 180, speed = speed_deg_per_s * std::numbers::pi / 180;
-  Renderer renderer(*Scene::make(o.scene), device.optics);
+  Renderer renderer(DeviceModel(device).scene(), device.optics);
   Exposure e;
   e.seed = o.seed;
   e.exposure_ns = device.camera.exposure_ns;
@@ -236,10 +236,12 @@ int run(int argc, char** argv) {
   auto* truth_at = truth->add_option("--angle", truth_angle, "angle, degrees");
   truth->add_option("--z", truth_z, "height, mm")->needs(truth_at);
   truth_file->excludes(truth_at);
-  bool truth_effects = false;
+  bool truth_effects = false, truth_corners = false;
   truth->add_flag("--effects", truth_effects, "print what the machine does beyond the calibrated model")
       ->excludes(truth_file)
       ->excludes(truth_at);
+  truth->add_flag("--corners", truth_corners, "print the corners of calibration targets, in pixels, at --angle")
+      ->excludes(truth_file);
   auto* calibration = app.add_subcommand("calibration", "print the true calibration");
   double frame_angle = 0, frame_speed = 0;
   std::string frame_file;
@@ -276,6 +278,11 @@ int run(int argc, char** argv) {
     if (truth_effects) {
       if (!o.socket_dir.empty()) return ask_and_print(o, "effects");
       std::cout << effects_of(device_of(o)).dump() << "\n";
+      return kGood;
+    }
+    if (truth_corners) {
+      DeviceModel model(device_of(o));
+      std::cout << corners_of(model.config(), model.scene(), truth_angle * std::numbers::pi / 180).dump() << "\n";
       return kGood;
     }
     if (truth_at->count() == 0) {

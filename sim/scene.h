@@ -5,6 +5,7 @@
 // scanner frame at table angle 0. p_T = pose * p_O.
 
 #include <Eigen/Core>
+#include <array>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -15,6 +16,7 @@
 
 #include "sim/body.h"
 #include "sim/radial_body.h"
+#include "sim/target.h"
 
 namespace celadon::sim {
 
@@ -28,14 +30,31 @@ struct Hit {
   double t = 0;
   Eigen::Vector3d p, normal;  ///< normal: unit, outward
   Material material = Material::object;
-  int surface = 0;  ///< smooth part of the object's surface, >= 0
-  int facet = 0;    ///< for refine()
+  int surface = 0;   ///< smooth part of the object's surface, >= 0
+  int facet = 0;     ///< for refine()
+  double print = 0;  ///< reflectance of what is printed there; 0: nothing is
+};
+
+/// Tags of the family tag36h11, 11.2 mm wide, flat round the platter's edge: number 100 + i at i turns / count, their
+/// feet outwards.
+class RimTags {
+ public:
+  /// @pre 0 <= count <= 24
+  explicit RimTags(int count);
+  /// 0 beside the tags.
+  double reflectance(double x_mm, double y_mm) const;
+  std::vector<PrintedCorner> corners() const;
+  std::vector<std::array<Eigen::Vector3d, 4>> outlines() const;
+
+ private:
+  Eigen::Vector3d on_platter(std::size_t tag, double x_mm, double y_mm) const;
+  std::vector<Target> tags_;
 };
 
 class Scene {
  public:
-  /// One of names(), or mesh:FILE, an STL or PLY file in millimetres whose z axis is put on the table's. The error
-  /// names them all, or what is wrong with the file.
+  /// One of names(); mesh:FILE, an STL or PLY file in millimetres whose z axis is put on the table's; or board:KIND
+  /// with or without a pose (BoardBody::make). The error names them all, or says what is wrong.
   static tl::expected<Scene, std::string> make(const std::string& name);
   static const std::vector<std::string>& names();
 
@@ -64,17 +83,23 @@ class Scene {
   /// Looks the same at every table angle.
   bool turns_invisibly() const;
   bool has_edges() const { return body_->has_edges(); }
+  void set_rim_tags(int count) { rim_tags_ = RimTags(count); }
+  /// Of calibration targets on body and platter, table frame: corners and outlines.
+  std::vector<PrintedCorner> corners() const;
+  std::vector<std::array<Eigen::Vector3d, 4>> printed() const;
 
  private:
   static constexpr double kPlatterRadius = 75;
   Ray to_object(const Ray& ray) const;
   Hit to_table(const Ray& ray, const BodyHit& hit) const;
+  Eigen::Vector3d point_to_table(const Eigen::Vector3d& p_O) const;
 
   std::string name_;
   std::shared_ptr<const Body> body_;
   double reach_ = 0;
   ObjectPose pose_;
   double cos_ = 1, sin_ = 0;
+  RimTags rim_tags_{0};
 };
 
 }  // namespace celadon::sim
