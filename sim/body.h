@@ -3,7 +3,6 @@
 // the platter's top is z = 0.
 
 #include <Eigen/Core>
-#include <array>
 #include <cstdint>
 #include <optional>
 #include <vector>
@@ -46,6 +45,8 @@ class Body {
   virtual bool of_revolution() const = 0;
   /// Rays next to each other may meet different surfaces: the laser's fan is made denser there.
   virtual bool has_edges() const = 0;
+  /// In a hand: its object frame is the scanner frame, whatever the table does.
+  virtual bool held() const { return false; }
 
   /// The first point along the ray, t in (t_min, t_max). A ray that starts inside need not meet anything.
   virtual std::optional<BodyHit> intersect(const Ray& ray_O, double t_min, double t_max) const = 0;
@@ -57,7 +58,7 @@ class Body {
   virtual double reach_mm(const Ray& from_axis_O) const = 0;
   /// Of calibration targets: what a detector finds, and the outlines of what is printed.
   virtual std::vector<PrintedCorner> corners() const { return {}; }
-  virtual std::vector<std::array<Eigen::Vector3d, 4>> printed() const { return {}; }
+  virtual std::vector<std::vector<Eigen::Vector3d>> printed() const { return {}; }
 };
 
 }  // namespace celadon::sim

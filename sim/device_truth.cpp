@@ -24,7 +24,7 @@ nlohmann::json effects_of(const DeviceConfig& device) {
 
 nlohmann::json corners_of(const DeviceConfig& device, const Scene& scene, double angle_rad) {
   const VirtualCamera camera(device.optics.camera, device.optics.X_CW);
-  const TablePose pose(angle_rad, device.optics.spindle);
+  const TablePose pose = scene.table_pose(angle_rad, device.optics.spindle);
   nlohmann::json corners = nlohmann::json::array();
   for (const PrintedCorner& corner : scene.corners()) {
     const Eigen::Vector3d p = pose.to_scanner(corner.p);

@@ -59,7 +59,7 @@ LaserFan::View LaserFan::view_of(const Scene& scene, const VirtualCamera& camera
                            std::abs(angle_for_row(exposure, 0, node) - angle_for_row(exposure, 1e9, node)) > 1e-9;
   const double middle_row = 0.5 * (config_.camera.height_px - 1);
   const double angle = angle_for_row(exposure, middle_row, node);
-  return {scene, camera, exposure, node, angle, TablePose(angle, config_.spindle), rows_differ};
+  return {scene, camera, exposure, node, angle, scene.table_pose(angle, config_.spindle), rows_differ};
 }
 
 Ray LaserFan::ray_W(const Vector3d& direction, int k) const {
@@ -69,7 +69,8 @@ Ray LaserFan::ray_W(const Vector3d& direction, int k) const {
 // One ray of the sheet to where it meets the scene, and that point into the image.
 Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, const std::optional<Near>& near) const {
   Beam beam;
-  const TablePose pose = angle_rad == view.middle_angle ? view.middle_pose : TablePose(angle_rad, config_.spindle);
+  const TablePose pose =
+      angle_rad == view.middle_angle ? view.middle_pose : view.scene.table_pose(angle_rad, config_.spindle);
   const Ray ray_T{pose.to_table(ray_W.p), pose.direction_to_table(ray_W.d)};
   std::optional<Hit> hit;
   if (near) hit = view.scene.refine(ray_T, near->t, near->facet);
@@ -116,6 +117,7 @@ void LaserFan::dress(const View& view, const Hit& hit, const Ray& ray_T, const T
 }
 
 bool LaserFan::turns_invisibly(const Scene& scene) const {
+  if (scene.held()) return true;
   return scene.turns_invisibly() && !config_.spindle.any() && config_.fields.contrast == 1;
 }
 

@@ -41,8 +41,8 @@ std::vector<PrintedCorner> RimTags::corners() const {
   return out;
 }
 
-std::vector<std::array<Eigen::Vector3d, 4>> RimTags::outlines() const {
-  std::vector<std::array<Eigen::Vector3d, 4>> out;
+std::vector<std::vector<Eigen::Vector3d>> RimTags::outlines() const {
+  std::vector<std::vector<Eigen::Vector3d>> out;
   for (std::size_t i = 0; i < tags_.size(); ++i) {
     const double x = 0.5 * tags_[i].width_mm();
     out.push_back({on_platter(i, -x, -x), on_platter(i, x, -x), on_platter(i, x, x), on_platter(i, -x, x)});

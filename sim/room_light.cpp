@@ -54,7 +54,7 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, double a
   const double cell = scene.turns_invisibly() ? 0 : std::round(angle_rad / step);
   if (ready_ && cell == cell_) return;
   cell_ = cell;
-  const double angle = cell * step, c = std::cos(angle), s = std::sin(angle);
+  const double angle = scene.held() ? 0 : cell * step, c = std::cos(angle), s = std::sin(angle);
   const int width = config_.camera.width_px, height = config_.camera.height_px;
   const int columns = (width + kBlock - 1) / kBlock + 1, rows = (height + kBlock - 1) / kBlock + 1;
   const Vector3d lamp = lamp_direction(), centre_T = turned(camera.centre_W(), c, -s);

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <utility>
 
-#include "sim/board_body.h"
 #include "sim/mesh_body.h"
 #include "sim/shapes.h"
 #include "sim/turned_body.h"
@@ -40,7 +39,7 @@ const std::vector<std::string>& Scene::names() {
   return kNames;
 }
 
-tl::expected<Scene, std::string> Scene::make(const std::string& name) {
+tl::expected<Scene, std::string> Scene::make(const std::string& name, const PrintErrors& print) {
   if (name == "vase") return Scene(name, make_vase(), 1, {});
   if (name == "vase-squeezed") return Scene(name, make_vase(), 0.75, {});
   if (name == "humidifier") return Scene(name, make_humidifier(), 1, {});
@@ -59,7 +58,7 @@ tl::expected<Scene, std::string> Scene::make(const std::string& name) {
     return Scene(name, *std::move(body), {});
   }
   if (name.starts_with(kBoard)) {
-    auto body = BoardBody::make(name.substr(kBoard.size()));
+    auto body = BoardBody::make(name.substr(kBoard.size()), print);
     if (!body) return tl::unexpected(body.error());
     return Scene(name, *std::move(body), {});
   }
@@ -85,6 +84,7 @@ void Scene::set_pose(const ObjectPose& pose) {
 }
 
 bool Scene::turns_invisibly() const {
+  if (held()) return true;
   return body_->of_revolution() && pose_.x_mm == 0 && pose_.y_mm == 0 && rim_tags_.outlines().empty();
 }
 
@@ -135,7 +135,7 @@ std::vector<PrintedCorner> Scene::corners() const {
   return out;
 }
 
-std::vector<std::array<Vector3d, 4>> Scene::printed() const {
+std::vector<std::vector<Vector3d>> Scene::printed() const {
   auto out = body_->printed();
   for (auto& outline : out) {
     for (Vector3d& p : outline) p = point_to_table(p);

@@ -5,7 +5,6 @@
 // scanner frame at table angle 0. p_T = pose * p_O.
 
 #include <Eigen/Core>
-#include <array>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -14,7 +13,9 @@
 
 #include <tl/expected.hpp>
 
+#include "sim/board_body.h"
 #include "sim/body.h"
+#include "sim/effects.h"
 #include "sim/radial_body.h"
 #include "sim/target.h"
 
@@ -44,7 +45,7 @@ class RimTags {
   /// 0 beside the tags.
   double reflectance(double x_mm, double y_mm) const;
   std::vector<PrintedCorner> corners() const;
-  std::vector<std::array<Eigen::Vector3d, 4>> outlines() const;
+  std::vector<std::vector<Eigen::Vector3d>> outlines() const;
 
  private:
   Eigen::Vector3d on_platter(std::size_t tag, double x_mm, double y_mm) const;
@@ -54,8 +55,9 @@ class RimTags {
 class Scene {
  public:
   /// One of names(); mesh:FILE, an STL or PLY file in millimetres whose z axis is put on the table's; or board:KIND
-  /// with or without a pose (BoardBody::make). The error names them all, or says what is wrong.
-  static tl::expected<Scene, std::string> make(const std::string& name);
+  /// with or without a pose (BoardBody::make) and with these errors of its print. The error names them all, or says
+  /// what is wrong.
+  static tl::expected<Scene, std::string> make(const std::string& name, const PrintErrors& print = {});
   static const std::vector<std::string>& names();
 
   Scene(std::string name, std::shared_ptr<const Body> body, const ObjectPose& pose);
@@ -83,10 +85,17 @@ class Scene {
   /// Looks the same at every table angle.
   bool turns_invisibly() const;
   bool has_edges() const { return body_->has_edges(); }
-  void set_rim_tags(int count) { rim_tags_ = RimTags(count); }
+  /// The object is in a hand: it stays where it is when the table turns. Rim tags are taken off meanwhile, so that
+  /// everything that can be seen turning stands still, and table_pose() is that of angle 0.
+  bool held() const { return body_->held(); }
+  /// Where the table frame is for what this scene shows.
+  TablePose table_pose(double angle_rad, const SpindleErrors& errors) const {
+    return held() ? TablePose(0, {}) : TablePose(angle_rad, errors);
+  }
+  void set_rim_tags(int count) { rim_tags_ = RimTags(held() ? 0 : count); }
   /// Of calibration targets on body and platter, table frame: corners and outlines.
   std::vector<PrintedCorner> corners() const;
-  std::vector<std::array<Eigen::Vector3d, 4>> printed() const;
+  std::vector<std::vector<Eigen::Vector3d>> printed() const;
 
  private:
   static constexpr double kPlatterRadius = 75;

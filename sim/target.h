@@ -3,8 +3,10 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <string>
+#include <string_view>
 #include <vector>
+
+#include <tl/expected.hpp>
 
 namespace celadon::sim {
 
@@ -12,18 +14,20 @@ inline constexpr double kPaper = 0.9, kInk = 0.05;  ///< reflectances
 
 /// A corner that a detector finds, millimetres from the target's middle, x to the right, y down.
 struct TargetCorner {
-  int id = 0;      ///< of the tag; 0 for a chessboard
-  int corner = 0;  ///< chessboard: row by row; tag: lower left, lower right, upper right, upper left
+  int id = 0;  ///< of a single tag; 0 on a board
+  int corner =
+      0;  ///< board: inner corners of the squares, row by row; tag: lower left, lower right, upper right, upper left
   Eigen::Vector2d p_mm;
 };
 
-/// Black and white cells of equal size on a rectangle of paper.
+/// Black and white cells of equal size on a rectangle of paper, as they were meant to be printed.
 class Target {
  public:
-  /// Squares of 8 mm, 11 x 8 with a margin as wide: 10 x 7 inner corners.
-  static Target chessboard();
-  /// 5 x 4 tags of the family tag36h11, numbers 0 to 19, 12 mm wide, 4.5 mm apart.
-  static Target tag_grid();
+  /// chessboard:COLUMNSxROWSxSQUARE, squares of that many mm of which the upper left is black, or
+  /// tags:COLUMNSxROWSxSQUARE+FIRST: the same with a tag of the family tag36h11 in each white square, three quarters as
+  /// wide, numbered row by row. COLUMNS, ROWS and what follows may be left out: 11x8x8 and 10x7x12 fill two thirds of
+  /// the default camera's picture. The margin is half a square. Errors: one sentence.
+  static tl::expected<Target, std::string> board(std::string_view text);
   /// One tag of that family. @pre 0 <= id < 587, size: of the black square
   static Target tag(int id, double size_mm);
 
@@ -35,8 +39,9 @@ class Target {
 
  private:
   Target(int columns, int rows, double cell_mm);
-  void ink(int column, int row) { cells_[static_cast<std::size_t>(row * columns_ + column)] = 1; }
-  void add_tag(int id, int column, int row);
+  static Target squares(int columns, int rows, double square_mm, bool tags, int first_tag);
+  void fill(int column, int row, int width, int height, bool black);
+  void add_tag(int id, int column, int row, int unit);
   Eigen::Vector2d at(int column, int row) const;  ///< upper left corner of a cell
 
   int columns_, rows_;
