@@ -58,7 +58,7 @@ struct Device {
 json hello(const Device& d, const Words&) {
   const DeviceConfig& c = d.model.config();
   return {{"version", kVersion},
-          {"scene", c.scene},
+          {"scene", d.model.scene().name()},
           {"seed", c.seed},
           {"lock_step", d.pacer.lock_step()},
           {"time_ns", d.model.now_ns()},
@@ -124,10 +124,25 @@ json truth(const Device& d, const Words& words) {
   return {{"r_mm", r}};
 }
 
-json scene(const Device& d, const Words&) {
-  return {{"name", d.model.scene().name()},
+json scene(const Device& d, const Words& words) {
+  if (words.size() > 1) {
+    // File names have spaces.
+    std::string name = words[1];
+    for (std::size_t i = 2; i < words.size(); ++i) name += " " + words[i];
+    if (const auto put = d.model.put(name); !put) return refused(put.error());
+  }
+  return {{"time_ns", d.model.now_ns()},
+          {"name", d.model.scene().name()},
           {"z_min_mm", d.model.scene().z_min_mm()},
           {"z_max_mm", d.model.scene().z_max_mm()}};
+}
+
+json corners(const Device& d, const Words& words) {
+  double angle = 0;
+  if (words.size() > 2 || (words.size() == 2 && (!parse(words[1], angle) || !std::isfinite(angle)))) {
+    return refused("corners takes the table's angle in radians, 0 without");
+  }
+  return {{"corners", corners_of(d.model.config(), d.model.scene(), angle)}};
 }
 
 json effects(const Device& d, const Words&) {
@@ -170,8 +185,8 @@ const std::map<std::string, Command>& commands() {
   static const std::map<std::string, Command> kCommands{
       {"hello", {hello, false}},     {"time", {time_now, false}}, {"wait-until", {wait_until, true}},
       {"press", {press, true}},      {"state", {state, false}},   {"truth", {truth, true}},
-      {"scene", {scene, false}},     {"fault", {fault, true}},    {"calibration", {calibration, false}},
-      {"effects", {effects, false}}, {"clear", {clear, true}}};
+      {"scene", {scene, true}},      {"fault", {fault, true}},    {"calibration", {calibration, false}},
+      {"effects", {effects, false}}, {"clear", {clear, true}},    {"corners", {corners, true}}};
   return kCommands;
 }
 

@@ -52,8 +52,8 @@ std::uint32_t DeviceModel::press(std::int64_t held_ns) {
   return ++press_count_;
 }
 
-ObjectPose DeviceModel::pose_at(std::int64_t time_ns) const {
-  ObjectPose pose = scene_.pose();
+ObjectPose DeviceModel::pose_at(const Scene& scene, std::int64_t time_ns) const {
+  ObjectPose pose = scene.pose();
   if (faults_.armed("object-wobble")) pose.x_mm += faults_.value("object-wobble") * swing(kWobble_hz, time_ns);
   if (faults_.armed("object-fall")) pose.x_mm += kFallen_mm;
   return pose;
@@ -89,10 +89,12 @@ void DeviceModel::inject(const FaultOrder& order) {
     boot();
   }
   if (name == "object-slip") {
-    ObjectPose pose = scene_.pose();
+    Scene slipped = scene();
+    ObjectPose pose = slipped.pose();
     const double c = std::cos(order.value * kRad_per_deg), s = std::sin(order.value * kRad_per_deg);
     pose = {c * pose.x_mm - s * pose.y_mm, s * pose.x_mm + c * pose.y_mm, pose.turn_rad + order.value * kRad_per_deg};
-    scene_.set_pose(pose);
+    slipped.set_pose(pose);
+    replace_scene(std::move(slipped));
   }
   if (name == "camera-nudge") camera_turn_rad_ += order.value * kRad_per_deg;
   if (name == "delay-frames") camera_.set_extra_delay(nanoseconds);

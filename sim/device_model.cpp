@@ -25,9 +25,10 @@ double from_udeg(std::int64_t udeg) {
   return static_cast<double>(udeg) * 1e-6 * kDegree;
 }
 
-Scene checked_scene(const std::string& name) {
-  auto scene = Scene::make(name);
+Scene checked_scene(const DeviceConfig& config) {
+  auto scene = Scene::make(config.scene, config.print);
   if (!scene) throw std::invalid_argument(scene.error());
+  scene->set_rim_tags(config.rim_tags);
   return *std::move(scene);
 }
 
@@ -52,7 +53,7 @@ DeviceConfig default_device(const CameraConfig& camera, double sheet_offset_mm, 
 
 DeviceModel::DeviceModel(const DeviceConfig& config)
     : config_(config),
-      scene_(checked_scene(config.scene)),
+      placed_{{INT64_MIN, std::make_shared<const Scene>(checked_scene(config))}},
       table_([&] {
         TurntableConfig t = config.turntable;
         t.start_angle_rad = 2 * std::numbers::pi * random_uniform(make_key(config.seed, kStartAnglePurpose, 0), 0);
@@ -231,7 +232,8 @@ void DeviceModel::render_frames() {
     }
     last_stamp_ns_ = ticket->stamp_ns;
     const std::int64_t middle_ns = ticket->first_row_end_ns - ticket->exposure_ns / 2;
-    order.pose = pose_at(middle_ns);
+    order.scene = scene_at(middle_ns);
+    order.pose = pose_at(*order.scene, middle_ns);
     order.camera_turn_rad = camera_turn_at(middle_ns);
     Exposure& e = order.exposure;
     e.seed = config_.seed;
@@ -243,6 +245,26 @@ void DeviceModel::render_frames() {
     e.ambient_factor = ambient_;
     if (!render_ || render_(order)) camera_.mark_rendered(order.number);
   }
+}
+
+tl::expected<void, std::string> DeviceModel::put(const std::string& name) {
+  auto scene = Scene::make(name, config_.print);
+  if (!scene) return tl::unexpected(scene.error());
+  scene->set_rim_tags(config_.rim_tags);
+  replace_scene(*std::move(scene));
+  return {};
+}
+
+void DeviceModel::replace_scene(Scene scene) {
+  constexpr std::int64_t kOldest_ns = static_cast<std::int64_t>(kHistory) * kTick_ns;
+  while (placed_.size() > 1 && placed_[1].from_ns < now_ns_ - kOldest_ns) placed_.pop_front();
+  placed_.push_back({now_ns_, std::make_shared<const Scene>(std::move(scene))});
+}
+
+std::shared_ptr<const Scene> DeviceModel::scene_at(std::int64_t time_ns) const {
+  const auto later = std::find_if(placed_.begin() + 1, placed_.end(),
+                                  [time_ns](const Placed& placed) { return placed.from_ns > time_ns; });
+  return std::prev(later)->scene;
 }
 
 std::optional<FrameTicket> DeviceModel::advance_to_frame(std::int64_t until_ns) {

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <deque>
 #include <functional>
+#include <memory>
 #include <optional>
 #include <string>
 #include <utility>
@@ -26,6 +27,8 @@ namespace celadon::sim {
 
 struct DeviceConfig {
   std::string scene = "vase";
+  int rim_tags = 0;   ///< fiducials round the platter's edge
+  PrintErrors print;  ///< of boards
   std::uint64_t seed = 1;
   std::string serial = "SIM-0001";
   std::string date;              ///< of the calibration, ISO 8601; empty: the day of the start
@@ -60,7 +63,7 @@ struct DeviceState {
 
 class DeviceModel final : private Plant {
  public:
-  /// @pre config.scene is one of Scene::names()
+  /// @throws std::invalid_argument if Scene::make refuses config.scene
   explicit DeviceModel(const DeviceConfig& config);
   DeviceModel(const DeviceModel&) = delete;
   DeviceModel& operator=(const DeviceModel&) = delete;
@@ -84,6 +87,7 @@ class DeviceModel final : private Plant {
     bool corrupt = false;
     bool stale = false;  ///< keep the bytes of the frame before
     Exposure exposure;
+    std::shared_ptr<const Scene> scene;
     ObjectPose pose;
     double camera_turn_rad = 0;  ///< the camera was nudged
   };
@@ -105,7 +109,11 @@ class DeviceModel final : private Plant {
   bool take_disconnect() { return std::exchange(disconnect_, false); }
 
   DeviceState state();
-  const Scene& scene() const { return scene_; }
+  /// What stands on the table now.
+  const Scene& scene() const { return *placed_.back().scene; }
+  /// Puts something else there, between two frames: those whose exposure's middle is over show what was there before.
+  /// Errors as Scene::make.
+  tl::expected<void, std::string> put(const std::string& scene);
   const DeviceConfig& config() const { return config_; }
   std::string machine() const;
   std::string camera_identity() const;
@@ -131,16 +139,22 @@ class DeviceModel final : private Plant {
   int laser_count() const { return config_.optics.second_sheet ? 2 : 1; }
   std::uint16_t lasers_that_emit() const;
   std::int64_t bounce_ns() const;
-  ObjectPose pose_at(std::int64_t time_ns) const;
+  ObjectPose pose_at(const Scene& scene, std::int64_t time_ns) const;
   double camera_turn_at(std::int64_t time_ns) const;
   std::uint64_t controller_us() const {
     return now_ns_ > boot_ns_ ? static_cast<std::uint64_t>(now_ns_ - boot_ns_) / 1000 : 0;
   }
   void render_frames();
+  void replace_scene(Scene scene);
+  std::shared_ptr<const Scene> scene_at(std::int64_t time_ns) const;
   MotionRecord record(std::int64_t from_ns, std::int64_t to_ns) const;
 
   DeviceConfig config_;
-  Scene scene_;
+  struct Placed {
+    std::int64_t from_ns;
+    std::shared_ptr<const Scene> scene;
+  };
+  std::deque<Placed> placed_;  ///< what stands on the table, and what stood there when frames under way were exposed
   Turntable table_;
   std::array<Laser, 2> lasers_;
   CameraTimeline camera_;

@@ -22,4 +22,23 @@ nlohmann::json effects_of(const DeviceConfig& device) {
           {"glaze", o.glaze}};
 }
 
+nlohmann::json corners_of(const DeviceConfig& device, const Scene& scene, double angle_rad) {
+  const VirtualCamera camera(device.optics.camera, device.optics.X_CW);
+  const TablePose pose = scene.table_pose(angle_rad, device.optics.spindle);
+  nlohmann::json corners = nlohmann::json::array();
+  for (const PrintedCorner& corner : scene.corners()) {
+    const Eigen::Vector3d p = pose.to_scanner(corner.p);
+    const Eigen::Vector2d pixel = camera.project(p);
+    const bool inside = pixel.x() > -0.5 && pixel.y() > -0.5 && pixel.x() < camera.intrinsics().width_px - 0.5 &&
+                        pixel.y() < camera.intrinsics().height_px - 0.5;
+    if (!inside) continue;
+    corners.push_back({{"id", corner.id},
+                       {"corner", corner.corner},
+                       {"x_px", pixel.x()},
+                       {"y_px", pixel.y()},
+                       {"p_mm", {p.x(), p.y(), p.z()}}});
+  }
+  return corners;
+}
+
 }  // namespace celadon::sim

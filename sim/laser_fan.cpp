@@ -59,7 +59,7 @@ LaserFan::View LaserFan::view_of(const Scene& scene, const VirtualCamera& camera
                            std::abs(angle_for_row(exposure, 0, node) - angle_for_row(exposure, 1e9, node)) > 1e-9;
   const double middle_row = 0.5 * (config_.camera.height_px - 1);
   const double angle = angle_for_row(exposure, middle_row, node);
-  return {scene, camera, exposure, node, angle, TablePose(angle, config_.spindle), rows_differ};
+  return {scene, camera, exposure, node, angle, scene.table_pose(angle, config_.spindle), rows_differ};
 }
 
 Ray LaserFan::ray_W(const Vector3d& direction, int k) const {
@@ -69,7 +69,8 @@ Ray LaserFan::ray_W(const Vector3d& direction, int k) const {
 // One ray of the sheet to where it meets the scene, and that point into the image.
 Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, const std::optional<Near>& near) const {
   Beam beam;
-  const TablePose pose = angle_rad == view.middle_angle ? view.middle_pose : TablePose(angle_rad, config_.spindle);
+  const TablePose pose =
+      angle_rad == view.middle_angle ? view.middle_pose : view.scene.table_pose(angle_rad, config_.spindle);
   const Ray ray_T{pose.to_table(ray_W.p), pose.direction_to_table(ray_W.d)};
   std::optional<Hit> hit;
   if (near) hit = view.scene.refine(ray_T, near->t, near->facet);
@@ -92,7 +93,7 @@ Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, c
   beam.facet = hit->facet;
   // A fan spreads in one direction: irradiance falls as 1 / distance.
   const double irradiance = facing * std::hypot(sheet_.emitter_W.x(), sheet_.emitter_W.y()) / hit->t;
-  double reflectance = hit->material == Material::platter ? config_.platter_albedo : 1;
+  double reflectance = hit->print > 0 ? hit->print : hit->material == Material::platter ? config_.platter_albedo : 1;
   if (config_.glaze > 0 && hit->material == Material::object) {
     const double gloss = std::max(0.0, hit->normal.dot((to_camera.normalized() - ray_T.d).normalized()));
     reflectance += config_.glaze * std::pow(gloss, config_.glaze_exponent);
@@ -116,6 +117,7 @@ void LaserFan::dress(const View& view, const Hit& hit, const Ray& ray_T, const T
 }
 
 bool LaserFan::turns_invisibly(const Scene& scene) const {
+  if (scene.held()) return true;
   return scene.turns_invisibly() && !config_.spindle.any() && config_.fields.contrast == 1;
 }
 

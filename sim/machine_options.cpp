@@ -9,7 +9,10 @@ namespace celadon::sim {
 void add_machine_options(CLI::App& app, Options& o) {
   std::string known;
   for (const std::string& name : Scene::names()) known += name + ", ";
-  app.add_option("--scene", o.scene, "object on the table: " + known + "or mesh:FILE (STL or PLY, millimetres)")
+  app.add_option("--scene", o.scene,
+                 "object on the table: " + known +
+                     "mesh:FILE (STL or PLY, millimetres), board:chessboard:11x8x8 or board:tags:10x7x12 with or "
+                     "without their sizes, with a pose after @")
       ->capture_default_str();
   app.add_option("--seed", o.seed, "of every random number")->capture_default_str();
   app.add_option("--width", o.width, "image width, px")->check(CLI::Range(64, 4096))->capture_default_str();
@@ -59,6 +62,18 @@ void add_machine_options(CLI::App& app, Options& o) {
   app.add_option("--lasers", o.lasers, "1, or 2: one on each side of the camera")
       ->check(CLI::Range(1, 2))
       ->capture_default_str();
+  app.add_option("--rim-tags", o.rim_tags, "AprilTags (tag36h11, from 100 on) round the platter's edge")
+      ->check(CLI::Range(0, 24))
+      ->capture_default_str();
+  app.add_option("--board-pitch-x", o.board_pitch_x, "boards are printed too long along their rows, relative")
+      ->check(CLI::Range(-0.05, 0.05))
+      ->capture_default_str();
+  app.add_option("--board-pitch-y", o.board_pitch_y, "boards are printed too long along their columns, relative")
+      ->check(CLI::Range(-0.05, 0.05))
+      ->capture_default_str();
+  app.add_option("--board-bow", o.board_bow_mm, "the ends of boards lie behind their middle by, mm")
+      ->check(CLI::Range(-20.0, 20.0))
+      ->capture_default_str();
   app.add_option("--sheet-bow", o.sheet_bow_mm, "effect: the sheet is bowed by, mm at 50 mm above and below its middle")
       ->check(CLI::Range(-2.0, 2.0))
       ->capture_default_str();
@@ -107,6 +122,8 @@ DeviceConfig device_of(const Options& o) {
   camera.delay_ns = std::llround(o.delay_ms * 1e6);
   DeviceConfig device = default_device(camera, o.sheet_offset_mm, o.sheet_tilt_mrad * 1e-3);
   device.scene = o.scene;
+  device.rim_tags = o.rim_tags;
+  device.print = {o.board_pitch_x, o.board_pitch_y, o.board_bow_mm};
   device.seed = o.seed;
   device.date = o.date;
   device.locked_at_start = o.locked;

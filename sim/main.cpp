@@ -160,7 +160,7 @@ int print_truth(const Options& o, double angle_deg, double z_mm) {
     if (!answer) return code;
     r = answer->value("r_mm", 0.0);
   } else {
-    r = Scene::make(o.scene)->truth_r_mm(theta, z_mm);
+    r = DeviceModel(device_of(o)).scene().truth_r_mm(theta, z_mm);
     if (std::isnan(r)) return fail(kNo, "scene " + o.scene + " has no surface at that height");
   }
   std::printf("%.12g\n", r);
@@ -170,7 +170,7 @@ int print_truth(const Options& o, double angle_deg, double z_mm) {
 int write_frame(const Options& o, double angle_deg, double speed_deg_per_s, bool laser, const std::string& file) {
   const DeviceConfig device = device_of(o);
   const double angle = angle_deg * std::numbers::pi / 180, speed = speed_deg_per_s * std::numbers::pi / 180;
-  Renderer renderer(*Scene::make(o.scene), device.optics);
+  Renderer renderer(DeviceModel(device).scene(), device.optics);
   Exposure e;
   e.seed = o.seed;
   e.exposure_ns = device.camera.exposure_ns;
@@ -227,6 +227,10 @@ int run(int argc, char** argv) {
   std::string cleared;
   auto* clear = app.add_subcommand("clear", "take a fault back");
   clear->add_option("name", cleared, "its name")->required();
+  std::string scene_name;
+  auto* scene =
+      app.add_subcommand("scene", "put another object or board on the running scanner's table, or hold it up");
+  scene->add_option("scene", scene_name, "as --scene; without: what is there")->expected(0, 1);
   auto* state = app.add_subcommand("state", "how the running scanner really is");
   std::string calibration_file;
   double truth_angle = 0, truth_z = 0;
@@ -236,10 +240,12 @@ int run(int argc, char** argv) {
   auto* truth_at = truth->add_option("--angle", truth_angle, "angle, degrees");
   truth->add_option("--z", truth_z, "height, mm")->needs(truth_at);
   truth_file->excludes(truth_at);
-  bool truth_effects = false;
+  bool truth_effects = false, truth_corners = false;
   truth->add_flag("--effects", truth_effects, "print what the machine does beyond the calibrated model")
       ->excludes(truth_file)
       ->excludes(truth_at);
+  truth->add_flag("--corners", truth_corners, "print the corners of calibration targets, in pixels, at --angle")
+      ->excludes(truth_file);
   auto* calibration = app.add_subcommand("calibration", "print the true calibration");
   double frame_angle = 0, frame_speed = 0;
   std::string frame_file;
@@ -265,10 +271,11 @@ int run(int argc, char** argv) {
     return ask_and_print(o, line);
   }
   if (clear->parsed()) return ask_and_print(o, "clear " + cleared);
+  if (scene->parsed()) return ask_and_print(o, scene_name.empty() ? "scene" : "scene " + scene_name);
   if (state->parsed()) return ask_and_print(o, "state");
   if (o.socket_dir.empty() || (!calibration->parsed() && !truth->parsed())) {
-    if (const auto scene = Scene::make(o.scene); !scene)
-      return fail(kInput, scene.error() + "; see celadon-sim --help");
+    if (const auto made = Scene::make(o.scene, device_of(o).print); !made)
+      return fail(kInput, made.error() + "; see celadon-sim --help");
   }
   if (calibration->parsed()) return write_calibration(o, "-");
   if (truth->parsed()) {
@@ -276,6 +283,14 @@ int run(int argc, char** argv) {
     if (truth_effects) {
       if (!o.socket_dir.empty()) return ask_and_print(o, "effects");
       std::cout << effects_of(device_of(o)).dump() << "\n";
+      return kGood;
+    }
+    if (truth_corners) {
+      if (!o.socket_dir.empty()) {
+        return ask_and_print(o, "corners " + std::to_string(truth_angle * std::numbers::pi / 180));
+      }
+      DeviceModel model(device_of(o));
+      std::cout << corners_of(model.config(), model.scene(), truth_angle * std::numbers::pi / 180).dump() << "\n";
       return kGood;
     }
     if (truth_at->count() == 0) {

@@ -115,7 +115,7 @@ MeshBody::MeshBody(TriangleMesh mesh) : neighbours_(neighbours_of(mesh)) {
 
 BodyHit MeshBody::hit_at(double t, int triangle) const {
   const TreeTriangle& face = tree_->triangle(triangle);
-  return {t, face.a.cross(face.b), surface_[static_cast<std::size_t>(triangle)], triangle};
+  return {t, face.a.cross(face.b), surface_[static_cast<std::size_t>(triangle)], triangle, 0};
 }
 
 std::optional<BodyHit> MeshBody::intersect(const Ray& ray, double t_min, double t_max) const {

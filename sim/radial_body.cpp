@@ -45,7 +45,7 @@ double RadialBody::implicit(const Vector3d& p, Vector3d* gradient) const {
 BodyHit RadialBody::wall_hit(const Ray& local, double t) const {
   Vector3d g;
   implicit(local.p + t * local.d, &g);
-  return {t, Vector3d(g.x(), g.y() / squeeze_, g.z()), kWall, 0};  // gradients pull back by the transposed map
+  return {t, Vector3d(g.x(), g.y() / squeeze_, g.z()), kWall, 0, 0};  // gradients pull back by the transposed map
 }
 
 // First root of g along the ray in [t0, t1], g(t0) > 0. Steps of g / (bound |d|) can not pass a root; close to it
@@ -110,7 +110,7 @@ std::optional<BodyHit> RadialBody::intersect(const Ray& ray, double t_min, doubl
   if (implicit(local.p + inside.t0 * local.d, nullptr) <= 0) {
     // It enters through the top or the bottom disc; a ray that starts inside sees nothing of the object.
     if (!through_end) return std::nullopt;
-    return BodyHit{inside.t0, Vector3d(0, 0, local.d.z() < 0 ? 1 : -1), has_edges() ? kDisc : kWall, 0};
+    return BodyHit{inside.t0, Vector3d(0, 0, local.d.z() < 0 ? 1 : -1), has_edges() ? kDisc : kWall, 0, 0};
   }
   if (const auto t = wall(local, inside.t0, inside.t1)) return wall_hit(local, *t);
   return std::nullopt;

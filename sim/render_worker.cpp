@@ -23,6 +23,10 @@ void SlotPainter::paint(const DeviceModel::RenderOrder& order) {
     std::copy(last_.begin(), last_.end(), slot.begin());
     return;
   }
+  if (order.scene && order.scene != shown_) {
+    renderer_.put(*order.scene);
+    shown_ = order.scene;
+  }
   renderer_.place(order.pose, order.camera_turn_rad);
   renderer_.render(order.exposure, slot, camera_.stride_bytes());
   std::copy(slot.begin(), slot.end(), last_.begin());

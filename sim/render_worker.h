@@ -24,6 +24,7 @@ class SlotPainter {
 
  private:
   Renderer renderer_;
+  std::shared_ptr<const Scene> shown_;  ///< by the renderer; none before the first frame
   CameraConfig camera_;
   std::span<std::uint8_t> slots_;
   std::size_t slot_bytes_;

@@ -19,13 +19,24 @@ constexpr double kNoSmear_px = 0.1;      // takes 0.2 % off the peak of a line o
 
 Renderer::Renderer(Scene scene, const OpticsConfig& config)
     : scene_(std::move(scene)), config_(config), camera_(config.camera, config.X_CW), picture_(config), room_(config) {
-  lines_.push_back({LaserFan(config, config.sheet, scene_), {}, false});
-  if (config.second_sheet) lines_.push_back({LaserFan(config, *config.second_sheet, scene_), {}, false});
+  aim_lasers();
   const auto width = static_cast<std::size_t>(config_.camera.width_px);
   mean_.assign(width + 16, 0.F);
   speckle_.assign(width + 16, 0.F);
   white_.assign(width + 32, 0.F);
   for (auto& plane : colour_) plane.assign(width + 16, 0);
+}
+
+void Renderer::aim_lasers() {
+  lines_.clear();
+  lines_.push_back({LaserFan(config_, config_.sheet, scene_), {}, false});
+  if (config_.second_sheet) lines_.push_back({LaserFan(config_, *config_.second_sheet, scene_), {}, false});
+}
+
+void Renderer::put(const Scene& scene) {
+  scene_ = scene;
+  aim_lasers();
+  room_.forget();
 }
 
 void Renderer::place(const ObjectPose& pose, double camera_turn_rad) {

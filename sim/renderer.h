@@ -27,6 +27,8 @@ class Renderer {
   /// Mean brightness of the laser line alone, in levels over the background, without speckle and noise: for tests.
   void render_line(const Exposure& exposure, std::vector<float>& levels);
 
+  /// Another object.
+  void put(const Scene& scene);
   /// Another pose of the object on the table, or a camera that was turned about its own vertical.
   void place(const ObjectPose& pose, double camera_turn_rad);
 
@@ -35,6 +37,7 @@ class Renderer {
   const VirtualCamera& camera() const { return camera_; }
 
  private:
+  void aim_lasers();
   void draw_lasers(const Exposure& exposure);
   struct Line;
   void draw_line(Line& line, int laser, const Exposure& exposure);

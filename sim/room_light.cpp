@@ -12,7 +12,35 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kCell_rad = 5 * std::numbers::pi / 180;
+constexpr double kPrintedCell_rad = 1e-6;
 constexpr int kBlock = 8;  // room light is rendered on every eighth pixel
+
+constexpr int kSub = 3;  // samples of a print along a pixel
+
+Vector3d lamp_direction() {
+  return Vector3d(0.35, 0.55, 0.75).normalized();
+}
+
+// In [-0.5, 0.5), evenly spread over any run of numbers: an edge along a row or a column of samples is met in all
+// phases.
+double strewn(int number) {
+  const double at = number * 0.6180339887498949;
+  return at - std::floor(at) - 0.5;
+}
+
+// Gaussian blur of one line of samples, `step` floats apart; beyond its ends it stays as it is there.
+void blur(float* line, int count, std::ptrdiff_t step, const std::vector<float>& taps, std::vector<float>& copy) {
+  const int half = static_cast<int>(taps.size()) / 2;
+  copy.resize(static_cast<std::size_t>(count + 2 * half));
+  for (int i = -half; i < count + half; ++i) {
+    copy[static_cast<std::size_t>(i + half)] = line[std::clamp(i, 0, count - 1) * step];
+  }
+  for (int i = 0; i < count; ++i) {
+    float sum = 0;
+    for (std::size_t k = 0; k < taps.size(); ++k) sum += taps[k] * copy[static_cast<std::size_t>(i) + k];
+    line[i * step] = sum;
+  }
+}
 
 }  // namespace
 
@@ -22,13 +50,14 @@ RoomLight::RoomLight(const OpticsConfig& config)
 
 // Room light: a gradient over the background, and the object and platter shaded by a broad lamp above the camera.
 void RoomLight::update(const Scene& scene, const VirtualCamera& camera, double angle_rad) {
-  const long cell = scene.turns_invisibly() ? 0 : std::lround(angle_rad / kCell_rad);
+  const double step = scene.printed().empty() ? kCell_rad : kPrintedCell_rad;
+  const double cell = scene.turns_invisibly() ? 0 : std::round(angle_rad / step);
   if (ready_ && cell == cell_) return;
   cell_ = cell;
-  const double angle = static_cast<double>(cell) * kCell_rad, c = std::cos(angle), s = std::sin(angle);
+  const double angle = scene.held() ? 0 : cell * step, c = std::cos(angle), s = std::sin(angle);
   const int width = config_.camera.width_px, height = config_.camera.height_px;
   const int columns = (width + kBlock - 1) / kBlock + 1, rows = (height + kBlock - 1) / kBlock + 1;
-  const Vector3d lamp = Vector3d(0.35, 0.55, 0.75).normalized(), centre_T = turned(camera.centre_W(), c, -s);
+  const Vector3d lamp = lamp_direction(), centre_T = turned(camera.centre_W(), c, -s);
   if (!ready_) {
     rays_W_.clear();
     for (int j = 0; j < rows; ++j) {
@@ -44,10 +73,9 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, double a
       double level = config_.ambient_low + (config_.ambient_high - config_.ambient_low) * (0.7 * fx + 0.3 * (1 - fy)) +
                      0.08 * config_.ambient_high * std::sin(9 * fx + 1) * std::sin(6 * fy);
       const Vector3d d_T = turned(rays_W_[static_cast<std::size_t>(j * columns + i)], c, -s);
-      if (const auto hit = scene.intersect({centre_T, d_T})) {
-        const double lit = std::max(0.0, hit->normal.dot(turned(lamp, c, -s)));
-        const double albedo = hit->material == Material::platter ? config_.platter_albedo : 1;
-        level = config_.object_ambient * albedo * (0.3 + 0.7 * lit);
+      if (auto hit = scene.intersect({centre_T, d_T})) {
+        hit->print = 0;  // drawn afterwards
+        level = brightness(*hit, turned(lamp, c, -s));
       }
       grid[static_cast<std::size_t>(j * columns + i)] = static_cast<float>(std::max(0.0, level));
     }
@@ -72,6 +100,73 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, double a
       const float fx = static_cast<float>(x % kBlock) / kBlock;
       const float a = above[i] + fx * (above[i + 1] - above[i]), b = below[i] + fx * (below[i + 1] - below[i]);
       out[x] = a + fy * (b - a);
+    }
+  }
+  print(scene, camera, angle);
+}
+
+double RoomLight::brightness(const Hit& hit, const Vector3d& lamp_T) const {
+  const double lit = std::max(0.0, hit.normal.dot(lamp_T));
+  const double albedo = hit.print > 0 ? hit.print : hit.material == Material::platter ? config_.platter_albedo : 1;
+  return config_.object_ambient * albedo * (0.3 + 0.7 * lit);
+}
+
+// Prints again, sharper: sampled kSub times along each side of a pixel where an outline lies, blurred by the lens.
+void RoomLight::print(const Scene& scene, const VirtualCamera& camera, double angle_rad) {
+  const int width = config_.camera.width_px, height = config_.camera.height_px;
+  const int margin = static_cast<int>(std::ceil(4 * config_.blur_px)) + 1;
+  const double c = std::cos(angle_rad), s = std::sin(angle_rad), sigma = std::max(config_.blur_px, 0.1) * kSub;
+  const Vector3d lamp_T = turned(lamp_direction(), c, -s), centre_T = turned(camera.centre_W(), c, -s);
+  std::vector<float> taps(2 * static_cast<std::size_t>(std::ceil(4 * sigma)) + 1), copy;
+  float total = 0;
+  for (std::size_t k = 0; k < taps.size(); ++k) {
+    const double u = static_cast<double>(k) - static_cast<double>(taps.size() / 2);
+    taps[k] = static_cast<float>(std::exp(-u * u / (2 * sigma * sigma)));
+    total += taps[k];
+  }
+  for (float& tap : taps) tap /= total;
+  for (const auto& outline : scene.printed()) {
+    Eigen::Vector2d low(width, height), high(0, 0);
+    for (const Vector3d& p : outline) {
+      const Eigen::Vector2d pixel = camera.project(turned(p, c, s));
+      low = low.cwiseMin(pixel);
+      high = high.cwiseMax(pixel);
+    }
+    const int x0 = std::max(0, static_cast<int>(low.x()) - margin),
+              y0 = std::max(0, static_cast<int>(low.y()) - margin);
+    const int x1 = std::min(width, static_cast<int>(high.x()) + margin + 1),
+              y1 = std::min(height, static_cast<int>(high.y()) + margin + 1);
+    if (x0 >= x1 || y0 >= y1) continue;
+    const int columns = (x1 - x0) * kSub, rows = (y1 - y0) * kSub;
+    std::vector<float> fine(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows));
+    for (int y = y0; y < y1; ++y) {
+      for (int x = x0; x < x1; ++x) {
+        // Rays change linearly over a pixel.
+        const Vector3d d = turned(camera.ray_W(x, y), c, -s), right = turned(camera.ray_W(x + 1, y), c, -s) - d,
+                       down = turned(camera.ray_W(x, y + 1), c, -s) - d;
+        const float plain =
+            levels_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)];
+        for (int j = 0; j < kSub; ++j) {
+          for (int i = 0; i < kSub; ++i) {
+            const double u = (i - 0.5 * (kSub - 1) + strewn(y * kSub + j)) / kSub,
+                         v = (j - 0.5 * (kSub - 1) + strewn(x * kSub + i)) / kSub;
+            const auto hit = scene.intersect({centre_T, d + u * right + v * down});
+            fine[static_cast<std::size_t>((y - y0) * kSub + j) * static_cast<std::size_t>(columns) +
+                 static_cast<std::size_t>((x - x0) * kSub + i)] =
+                hit && hit->print > 0 ? static_cast<float>(brightness(*hit, lamp_T)) : plain;
+          }
+        }
+      }
+    }
+    for (int j = 0; j < rows; ++j)
+      blur(&fine[static_cast<std::size_t>(j) * static_cast<std::size_t>(columns)], columns, 1, taps, copy);
+    for (int i = 0; i < columns; ++i) blur(&fine[static_cast<std::size_t>(i)], rows, columns, taps, copy);
+    for (int y = y0; y < y1; ++y) {
+      for (int x = x0; x < x1; ++x) {
+        levels_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)] =
+            fine[static_cast<std::size_t>((y - y0) * kSub + kSub / 2) * static_cast<std::size_t>(columns) +
+                 static_cast<std::size_t>((x - x0) * kSub + kSub / 2)];
+      }
     }
   }
 }

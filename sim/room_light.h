@@ -12,7 +12,7 @@ class RoomLight {
  public:
   explicit RoomLight(const OpticsConfig& config);
 
-  /// Makes levels() those of this table angle, in steps of five degrees.
+  /// Makes levels() those of this table angle: in steps of five degrees, with calibration targets exactly there.
   void update(const Scene& scene, const VirtualCamera& camera, double angle_rad);
   /// The object or the camera was moved.
   void forget() { ready_ = false; }
@@ -20,10 +20,13 @@ class RoomLight {
   const std::vector<float>& levels() const { return levels_; }
 
  private:
+  double brightness(const Hit& hit, const Eigen::Vector3d& lamp_T) const;
+  void print(const Scene& scene, const VirtualCamera& camera, double angle_rad);
+
   OpticsConfig config_;
   std::vector<float> levels_;
   std::vector<Eigen::Vector3d> rays_W_;  ///< of the pixels that are looked at
-  long cell_ = 0;
+  double cell_ = 0;
   bool ready_ = false;
 };
 

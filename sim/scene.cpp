@@ -13,7 +13,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr std::string_view kMesh = "mesh:";
+constexpr std::string_view kMesh = "mesh:", kBoard = "board:";
 
 // Steps, a shoulder that faces down, and a groove.
 std::shared_ptr<const Body> stepped_shaft() {
@@ -39,7 +39,7 @@ const std::vector<std::string>& Scene::names() {
   return kNames;
 }
 
-tl::expected<Scene, std::string> Scene::make(const std::string& name) {
+tl::expected<Scene, std::string> Scene::make(const std::string& name, const PrintErrors& print) {
   if (name == "vase") return Scene(name, make_vase(), 1, {});
   if (name == "vase-squeezed") return Scene(name, make_vase(), 0.75, {});
   if (name == "humidifier") return Scene(name, make_humidifier(), 1, {});
@@ -57,9 +57,15 @@ tl::expected<Scene, std::string> Scene::make(const std::string& name) {
     if (!body) return tl::unexpected(body.error());
     return Scene(name, *std::move(body), {});
   }
+  if (name.starts_with(kBoard)) {
+    auto body = BoardBody::make(name.substr(kBoard.size()), print);
+    if (!body) return tl::unexpected(body.error());
+    return Scene(name, *std::move(body), {});
+  }
   std::string known;
   for (const std::string& n : names()) known += n + ", ";
-  return tl::unexpected("scene \"" + name + "\" is unknown; choose one of " + known + "mesh:FILE");
+  return tl::unexpected("scene \"" + name + "\" is unknown; choose one of " + known +
+                        "mesh:FILE, board:chessboard, board:tags");
 }
 
 Scene::Scene(std::string name, std::shared_ptr<const Body> body, const ObjectPose& pose)
@@ -78,7 +84,8 @@ void Scene::set_pose(const ObjectPose& pose) {
 }
 
 bool Scene::turns_invisibly() const {
-  return body_->of_revolution() && pose_.x_mm == 0 && pose_.y_mm == 0;
+  if (held()) return true;
+  return body_->of_revolution() && pose_.x_mm == 0 && pose_.y_mm == 0 && rim_tags_.outlines().empty();
 }
 
 Ray Scene::to_object(const Ray& ray) const {
@@ -90,7 +97,7 @@ Ray Scene::to_object(const Ray& ray) const {
 Hit Scene::to_table(const Ray& ray, const BodyHit& hit) const {
   const Vector3d& n = hit.normal_O;
   const Vector3d normal(cos_ * n.x() - sin_ * n.y(), sin_ * n.x() + cos_ * n.y(), n.z());
-  return {hit.t, ray.p + hit.t * ray.d, normal.normalized(), Material::object, hit.surface, hit.facet};
+  return {hit.t, ray.p + hit.t * ray.d, normal.normalized(), Material::object, hit.surface, hit.facet, hit.print};
 }
 
 std::optional<Hit> Scene::intersect(const Ray& ray, double t_min, double t_max) const {
@@ -100,7 +107,8 @@ std::optional<Hit> Scene::intersect(const Ray& ray, double t_min, double t_max) 
     if (t > t_min && t < t_max) {
       const Vector3d p = ray.p + t * ray.d;
       if (p.x() * p.x() + p.y() * p.y() <= kPlatterRadius * kPlatterRadius) {
-        platter = Hit{t, p, Vector3d(0, 0, ray.p.z() >= 0 ? 1 : -1), Material::platter, 0, 0};
+        platter = Hit{t, p, Vector3d(0, 0, ray.p.z() >= 0 ? 1 : -1), Material::platter,
+                      0, 0, rim_tags_.reflectance(p.x(), p.y())};
         t_max = t;
       }
     }
@@ -113,6 +121,28 @@ std::optional<Hit> Scene::refine(const Ray& ray, double t_near, int facet) const
   const auto hit = body_->refine(to_object(ray), t_near, facet);
   if (!hit) return std::nullopt;
   return to_table(ray, *hit);
+}
+
+Vector3d Scene::point_to_table(const Vector3d& p) const {
+  return {cos_ * p.x() - sin_ * p.y() + pose_.x_mm, sin_ * p.x() + cos_ * p.y() + pose_.y_mm, p.z()};
+}
+
+std::vector<PrintedCorner> Scene::corners() const {
+  std::vector<PrintedCorner> out = body_->corners();
+  for (PrintedCorner& corner : out) corner.p = point_to_table(corner.p);
+  const std::vector<PrintedCorner> rim = rim_tags_.corners();
+  out.insert(out.end(), rim.begin(), rim.end());
+  return out;
+}
+
+std::vector<std::vector<Vector3d>> Scene::printed() const {
+  auto out = body_->printed();
+  for (auto& outline : out) {
+    for (Vector3d& p : outline) p = point_to_table(p);
+  }
+  const auto rim = rim_tags_.outlines();
+  out.insert(out.end(), rim.begin(), rim.end());
+  return out;
 }
 
 double Scene::truth_r_mm(double theta, double z) const {

@@ -13,8 +13,11 @@
 
 #include <tl/expected.hpp>
 
+#include "sim/board_body.h"
 #include "sim/body.h"
+#include "sim/effects.h"
 #include "sim/radial_body.h"
+#include "sim/target.h"
 
 namespace celadon::sim {
 
@@ -28,15 +31,33 @@ struct Hit {
   double t = 0;
   Eigen::Vector3d p, normal;  ///< normal: unit, outward
   Material material = Material::object;
-  int surface = 0;  ///< smooth part of the object's surface, >= 0
-  int facet = 0;    ///< for refine()
+  int surface = 0;   ///< smooth part of the object's surface, >= 0
+  int facet = 0;     ///< for refine()
+  double print = 0;  ///< reflectance of what is printed there; 0: nothing is
+};
+
+/// Tags of the family tag36h11, 11.2 mm wide, flat round the platter's edge: number 100 + i at i turns / count, their
+/// feet outwards.
+class RimTags {
+ public:
+  /// @pre 0 <= count <= 24
+  explicit RimTags(int count);
+  /// 0 beside the tags.
+  double reflectance(double x_mm, double y_mm) const;
+  std::vector<PrintedCorner> corners() const;
+  std::vector<std::vector<Eigen::Vector3d>> outlines() const;
+
+ private:
+  Eigen::Vector3d on_platter(std::size_t tag, double x_mm, double y_mm) const;
+  std::vector<Target> tags_;
 };
 
 class Scene {
  public:
-  /// One of names(), or mesh:FILE, an STL or PLY file in millimetres whose z axis is put on the table's. The error
-  /// names them all, or what is wrong with the file.
-  static tl::expected<Scene, std::string> make(const std::string& name);
+  /// One of names(); mesh:FILE, an STL or PLY file in millimetres whose z axis is put on the table's; or board:KIND
+  /// with or without a pose (BoardBody::make) and with these errors of its print. The error names them all, or says
+  /// what is wrong.
+  static tl::expected<Scene, std::string> make(const std::string& name, const PrintErrors& print = {});
   static const std::vector<std::string>& names();
 
   Scene(std::string name, std::shared_ptr<const Body> body, const ObjectPose& pose);
@@ -64,17 +85,30 @@ class Scene {
   /// Looks the same at every table angle.
   bool turns_invisibly() const;
   bool has_edges() const { return body_->has_edges(); }
+  /// The object is in a hand: it stays where it is when the table turns. Rim tags are taken off meanwhile, so that
+  /// everything that can be seen turning stands still, and table_pose() is that of angle 0.
+  bool held() const { return body_->held(); }
+  /// Where the table frame is for what this scene shows.
+  TablePose table_pose(double angle_rad, const SpindleErrors& errors) const {
+    return held() ? TablePose(0, {}) : TablePose(angle_rad, errors);
+  }
+  void set_rim_tags(int count) { rim_tags_ = RimTags(held() ? 0 : count); }
+  /// Of calibration targets on body and platter, table frame: corners and outlines.
+  std::vector<PrintedCorner> corners() const;
+  std::vector<std::vector<Eigen::Vector3d>> printed() const;
 
  private:
   static constexpr double kPlatterRadius = 75;
   Ray to_object(const Ray& ray) const;
   Hit to_table(const Ray& ray, const BodyHit& hit) const;
+  Eigen::Vector3d point_to_table(const Eigen::Vector3d& p_O) const;
 
   std::string name_;
   std::shared_ptr<const Body> body_;
   double reach_ = 0;
   ObjectPose pose_;
   double cos_ = 1, sin_ = 0;
+  RimTags rim_tags_{0};
 };
 
 }  // namespace celadon::sim

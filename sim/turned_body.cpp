@@ -82,7 +82,7 @@ std::optional<BodyHit> TurnedBody::intersect(const Ray& ray, double t_min, doubl
     meet(parts_[i], ray, [&](double t, const Vector3d& normal) {
       if (!(t > t_min && t < t_max)) return;
       t_max = t;
-      first = BodyHit{t, normal, static_cast<int>(i), static_cast<int>(i)};
+      first = BodyHit{t, normal, static_cast<int>(i), static_cast<int>(i), 0};
     });
   }
   return first;
@@ -91,7 +91,7 @@ std::optional<BodyHit> TurnedBody::intersect(const Ray& ray, double t_min, doubl
 std::optional<BodyHit> TurnedBody::refine(const Ray& ray, double t_near, int facet) const {
   std::optional<BodyHit> nearest;
   meet(parts_[static_cast<std::size_t>(facet)], ray, [&](double t, const Vector3d& normal) {
-    if (!nearest || std::abs(t - t_near) < std::abs(nearest->t - t_near)) nearest = BodyHit{t, normal, facet, facet};
+    if (!nearest || std::abs(t - t_near) < std::abs(nearest->t - t_near)) nearest = BodyHit{t, normal, facet, facet, 0};
   });
   return nearest;
 }
@@ -117,7 +117,7 @@ std::optional<BodyHit> SphereBody::refine(const Ray& ray, double /*t_near*/, int
   if (roots_of(ray.d.squaredNorm(), from.dot(ray.d), from.squaredNorm() - radius_ * radius_, roots) == 0) {
     return std::nullopt;
   }
-  return BodyHit{roots[0], from + roots[0] * ray.d, 0, 0};
+  return BodyHit{roots[0], from + roots[0] * ray.d, 0, 0, 0};
 }
 
 double SphereBody::reach_mm(const Ray& ray) const {

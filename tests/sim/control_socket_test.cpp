@@ -65,6 +65,31 @@ TEST(ControlSocket, EveryCommandOfTheDocumentAnswers) {
   EXPECT_GT(b.ask("fault list")["faults"].size(), 10U);
 }
 
+TEST(ControlSocket, AnOperatorChangesTheScene) {
+  Bench b;
+  EXPECT_EQ(b.ask("corners")["corners"].size(), 0u);
+  const json held = b.ask("scene board:tags:6x5x9@held:0,0,60,8,-10,30");
+  EXPECT_TRUE(held["ok"].get<bool>());
+  EXPECT_EQ(held["name"], "board:tags:6x5x9@held:0,0,60,8,-10,30");
+  EXPECT_EQ(held["time_ns"], b.model.now_ns());
+  EXPECT_EQ(b.ask("scene")["name"], held["name"]);
+  EXPECT_EQ(b.ask("hello")["scene"], held["name"]);
+  const json corners = b.ask("corners 0.7")["corners"];
+  EXPECT_EQ(corners.size(), 5u * 4);
+  EXPECT_EQ(b.ask("corners")["corners"], corners);  // it does not turn with the table
+  b.ask("scene board:tags:6x5x9@0,0,60,8,-10,30");
+  EXPECT_NE(b.ask("corners 0.2")["corners"], corners);
+  EXPECT_EQ(b.ask("corners 0")["corners"], corners);
+  EXPECT_EQ(b.ask("scene cylinder")["z_max_mm"], 100.0);
+  for (const char* line :
+       {"scene nothing", "scene mesh:/no such file.stl", "scene board:tags@1", "corners x", "corners 1 2"}) {
+    EXPECT_FALSE(b.ask(line)["ok"].get<bool>()) << line;
+  }
+  EXPECT_NE(b.ask("scene mesh:/no such file.stl")["error"].get<std::string>().find("/no such file.stl"),
+            std::string::npos);
+  EXPECT_EQ(b.ask("scene")["name"], "cylinder");
+}
+
 TEST(ControlSocket, NonsenseIsRefusedWithASentence) {
   Bench b;
   for (const std::string line : {"",
