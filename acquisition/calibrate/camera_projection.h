@@ -43,9 +43,10 @@ struct Ray {
 };
 
 /// @param camera 9 numbers in the order of CameraParameters
-inline Ray ray_of(const double* camera, const Eigen::Vector2d& p_px) {
+/// @param start a, b near the ray
+inline Ray ray_of(const double* camera, const Eigen::Vector2d& p_px, const Eigen::Vector2d& start) {
   Ray out;
-  Eigen::Vector2d ab((p_px.x() - camera[2]) / camera[0], (p_px.y() - camera[3]) / camera[1]);
+  Eigen::Vector2d ab = start;
   constexpr int kSteps = 20;
   for (int step = 0; step < kSteps; ++step) {
     const Projection at = project(camera, ab.x(), ab.y());
@@ -63,6 +64,10 @@ inline Ray ray_of(const double* camera, const Eigen::Vector2d& p_px) {
   out.by_pixel = at.by_ray.inverse();
   out.by_camera = -out.by_pixel * at.by_camera;
   return out;
+}
+
+inline Ray ray_of(const double* camera, const Eigen::Vector2d& p_px) {
+  return ray_of(camera, p_px, {(p_px.x() - camera[2]) / camera[0], (p_px.y() - camera[3]) / camera[1]});
 }
 
 }  // namespace celadon::calibrate

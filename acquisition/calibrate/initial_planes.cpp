@@ -28,7 +28,7 @@ std::vector<PointOnBoard> points_of(const Estimate& estimate, const Observations
     for (const LineObservation& line : view.lines) {
       if (line.laser != laser) continue;
       for (const PointObservation& point : line.points) {
-        const LaserPoint at = laser_point(ray_of(estimate.camera.data(), point.p_px), m, m.dot(X_CB.translation()));
+        const PlanePoint at = plane_point(ray_of(estimate.camera.data(), point.p_px), m, m.dot(X_CB.translation()));
         if (at.exists) out.push_back({at.p_C, view.view});
       }
     }
@@ -137,7 +137,7 @@ void initial_platter(Estimate& estimate, const Observations& observations) {
     if (line.plane < 0) continue;
     const PlaneEstimate& plane = estimate.planes[static_cast<std::size_t>(line.plane)];
     for (const PointObservation& point : line.points) {
-      const LaserPoint at = laser_point(ray_of(estimate.camera.data(), point.p_px), plane.normal_C, plane.distance_mm);
+      const PlanePoint at = plane_point(ray_of(estimate.camera.data(), point.p_px), plane.normal_C, plane.distance_mm);
       if (at.exists) heights.push_back(axis.direction_C.dot(at.p_C - axis.point_C));
     }
   }

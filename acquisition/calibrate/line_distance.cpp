@@ -1,32 +1,15 @@
-// Formulas: README.md, (3) to (5).
+// Formulas: README.md, (3) to (6).
 #include "acquisition/calibrate/line_distance.h"
 
 #include <cmath>
 
 namespace celadon::calibrate {
 
+using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-LineDistance line_distance(const Ray& ray, const Vector3d& m_C, const Vector3d& t_C, const Vector3d& normal_C,
-                           double distance_mm) {
-  LineDistance out;
-  const Vector3d& v = ray.v;
-  const double mv = m_C.dot(v), nv = normal_C.dot(v), depth = m_C.dot(t_C) / mv;
-  if (!ray.exists || !(depth > 0) || !std::isfinite(depth)) return out;
-  out.h_mm = nv * depth - distance_mm;
-  const Eigen::RowVector2d by_ray = (depth * (normal_C - nv / mv * m_C)).head<2>().transpose();
-  out.per_px = (by_ray * ray.by_pixel).norm();
-  out.by_board_normal = nv / mv * (t_C - depth * v);
-  out.by_board_point = nv / mv * m_C;
-  out.by_laser_normal = depth * v;
-  out.by_camera = by_ray * ray.by_camera;
-  // A board along the laser plane has no line: what is seen there moves with nothing.
-  out.exists = out.per_px > 0.02 * depth * ray.by_pixel.norm();
-  return out;
-}
-
-LaserPoint laser_point(const Ray& ray, const Vector3d& normal_C, double distance_mm) {
-  LaserPoint out;
+PlanePoint plane_point(const Ray& ray, const Vector3d& normal_C, double distance_mm) {
+  PlanePoint out;
   const Vector3d& v = ray.v;
   const double nv = normal_C.dot(v), depth = distance_mm / nv;
   if (!ray.exists || !(depth > 0) || !std::isfinite(depth)) return out;
@@ -39,6 +22,40 @@ LaserPoint laser_point(const Ray& ray, const Vector3d& normal_C, double distance
   out.by_camera = by_ray * ray.by_camera;
   out.by_normal = -depth / nv * v * v.transpose();
   out.by_distance = v / nv;
+  return out;
+}
+
+LineDistance line_distance(const double* camera, const Vector2d& p_px, const Vector3d& normal_1_C, double distance_1_mm,
+                           const Vector3d& normal_2_C, double distance_2_mm) {
+  constexpr int kSteps = 6;
+  constexpr double kReachedPx = 1e-10, kDefinite = 0.02;
+  LineDistance out;
+  Ray ray = ray_of(camera, p_px);
+  Vector2d foot_px = p_px, across = Vector2d::Zero();
+  for (int step = 0; step < kSteps; ++step) {
+    const PlanePoint at = plane_point(ray, normal_1_C, distance_1_mm);
+    if (!at.exists) return out;
+    out.foot = at;
+    const double height = normal_2_C.dot(at.p_C) - distance_2_mm;
+    const Vector2d gradient = at.by_pixel.transpose() * normal_2_C;
+    out.per_px = gradient.norm();
+    if (!(out.per_px > 0)) return out;
+    if (step == 0) {
+      out.height_mm = height;
+      out.definite = out.per_px > kDefinite * at.p_C.z() * ray.by_pixel.norm();
+    }
+    across = gradient / out.per_px;
+    // To the line through the foot so far, at the place nearest to the pixel.
+    const Vector2d next = p_px - across * (across.dot(p_px - foot_px) + height / out.per_px);
+    const double moved = (next - foot_px).norm();
+    if (!std::isfinite(moved)) return out;
+    if (moved < kReachedPx) break;
+    const Vector2d start = ray.v.head<2>() + ray.by_pixel * (next - foot_px);
+    foot_px = next;
+    ray = ray_of(camera, foot_px, start);
+  }
+  out.exists = true;
+  out.distance_px = across.dot(p_px - foot_px);
   return out;
 }
 

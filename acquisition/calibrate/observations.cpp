@@ -99,6 +99,7 @@ void update_residuals(const Estimate& estimate, Observations& observations) {
   constexpr double kImpossible = 1e6;
   for (ViewObservation& view : observations.views) {
     const Eigen::Isometry3d X_CB = pose_of(estimate, view);
+    const Eigen::Vector3d m_C = X_CB.linear().col(2);
     for (CornerObservation& corner : view.corners) {
       const Eigen::Vector2d on_board = estimate.pitch.cwiseProduct(corner.p_mm);
       const Eigen::Vector3d p_C = X_CB * Eigen::Vector3d(on_board.x(), on_board.y(), 0);
@@ -111,10 +112,10 @@ void update_residuals(const Estimate& estimate, Observations& observations) {
       if (line.plane < 0) continue;
       const PlaneEstimate& plane = estimate.planes[static_cast<std::size_t>(line.plane)];
       for (PointObservation& point : line.points) {
-        const LineDistance at = line_distance(ray_of(camera, point.p_px), X_CB.linear().col(2), X_CB.translation(),
-                                              plane.normal_C, plane.distance_mm);
-        point.distance_mm = at.h_mm;
-        point.residual = at.exists ? at.h_mm / (at.per_px * point.sigma_px) : kImpossible;
+        const LineDistance at = line_distance(camera, point.p_px, m_C, m_C.dot(X_CB.translation()), plane.normal_C,
+                                              plane.distance_mm);
+        point.distance_mm = at.height_mm;
+        point.residual = at.exists && at.definite ? at.distance_px / point.sigma_px : kImpossible;
       }
     }
   }
@@ -125,11 +126,10 @@ void update_residuals(const Estimate& estimate, Observations& observations) {
     const AxisEstimate& axis = *estimate.axis;
     const Eigen::Vector3d up = axis.direction_C - axis.across_C * estimate.platter->slope;
     for (PointObservation& point : line.points) {
-      const LaserPoint at = laser_point(ray_of(camera, point.p_px), plane.normal_C, plane.distance_mm);
-      point.residual = kImpossible;
-      if (!at.exists) continue;
-      point.distance_mm = up.dot(at.p_C - axis.point_C) - estimate.platter->height_mm;
-      point.residual = point.distance_mm / ((up.transpose() * at.by_pixel).norm() * point.sigma_px);
+      const LineDistance at = line_distance(camera, point.p_px, plane.normal_C, plane.distance_mm, up,
+                                            up.dot(axis.point_C) + estimate.platter->height_mm);
+      point.distance_mm = at.height_mm;
+      point.residual = at.exists && at.definite ? at.distance_px / point.sigma_px : kImpossible;
     }
   }
 }

@@ -144,12 +144,12 @@ class LineTerm final : public ceres::CostFunction {
   LineTerm(const Estimate& estimate, const ViewObservation& view, const LineObservation& line)
       : pose_(estimate, view), plane_(estimate.planes[static_cast<std::size_t>(line.plane)]) {
     const Eigen::Isometry3d X_CB = calibrate::pose_of(estimate, view);
+    const Vector3d m = X_CB.linear().col(2);
     for (const PointObservation& point : line.points) {
       if (!(point.weight > 0)) continue;
-      const LineDistance at = line_distance(ray_of(estimate.camera.data(), point.p_px), X_CB.linear().col(2),
-                                            X_CB.translation(), plane_.normal_C, plane_.distance_mm);
-      if (!at.exists) continue;
-      points_.push_back({point.p_px, std::sqrt(point.weight) / (point.sigma_px * at.per_px)});
+      const LineDistance at = line_distance(estimate.camera.data(), point.p_px, m, m.dot(X_CB.translation()),
+                                            plane_.normal_C, plane_.distance_mm);
+      if (at.exists && at.definite) points_.push_back({point.p_px, std::sqrt(point.weight) / point.sigma_px});
     }
     set_num_residuals(static_cast<int>(points_.size()));
     *mutable_parameter_block_sizes() = {9, 3, ViewPose::kOwn};
@@ -165,18 +165,21 @@ class LineTerm final : public ceres::CostFunction {
     const Vector3d m = pose.R.col(2);
     for (std::size_t i = 0; i < points_.size(); ++i) {
       const auto& [p_px, per_sigma] = points_[i];
-      const LineDistance at = line_distance(ray_of(blocks[0], p_px), m, pose.t, normal.d, distance);
-      if (!std::isfinite(at.h_mm) || at.per_px == 0) return false;
-      residuals[i] = per_sigma * at.h_mm;
+      const LineDistance at = line_distance(blocks[0], p_px, m, m.dot(pose.t), normal.d, distance);
+      if (!at.exists) return false;
+      residuals[i] = per_sigma * at.distance_px;
       if (jacobians == nullptr) continue;
       const auto row = static_cast<Eigen::Index>(i);
-      if (jacobians[0] != nullptr) JacobianMap(jacobians[0], count, 9).row(row) = per_sigma * at.by_camera;
+      const double per_height = per_sigma / at.per_px;
+      const Eigen::RowVector3d by_point = per_height * normal.d.transpose();
+      if (jacobians[0] != nullptr) JacobianMap(jacobians[0], count, 9).row(row) = by_point * at.foot.by_camera;
       if (jacobians[1] != nullptr) {
-        const Vector3d by_normal = at.by_laser_normal - plane_.anchor_C;
-        JacobianMap(jacobians[1], count, 3).row(row) << per_sigma * by_normal.transpose() * normal.by, -per_sigma;
+        const Vector3d by_normal = at.foot.p_C - plane_.anchor_C;
+        JacobianMap(jacobians[1], count, 3).row(row) << per_height * by_normal.transpose() * normal.by, -per_height;
       }
-      by_pose.row(row) = per_sigma * (at.by_board_normal.transpose() * pose.R_by.bottomRows<3>() +
-                                      at.by_board_point.transpose() * pose.t_by);
+      const double by_distance = by_point * at.foot.by_distance;
+      const Eigen::RowVector3d by_m = by_point * at.foot.by_normal + by_distance * pose.t.transpose();
+      by_pose.row(row) = by_m * pose.R_by.bottomRows<3>() + by_distance * m.transpose() * pose.t_by;
     }
     if (jacobians != nullptr) pose_.spread(by_pose, jacobians + 2);
     return true;
@@ -185,7 +188,7 @@ class LineTerm final : public ceres::CostFunction {
  private:
   struct Point {
     Eigen::Vector2d p_px;
-    double per_sigma;  ///< 1/mm
+    double per_sigma;  ///< 1/px
   };
   ViewPose pose_;
   PlaneEstimate plane_;
@@ -198,13 +201,12 @@ class PlatterTerm final : public ceres::CostFunction {
   PlatterTerm(const Estimate& estimate, const LineObservation& line)
       : axis_(*estimate.axis), plane_(estimate.planes[static_cast<std::size_t>(line.plane)]) {
     const Vector3d up = axis_.direction_C - axis_.across_C * estimate.platter->slope;
+    const double height = up.dot(axis_.point_C) + estimate.platter->height_mm;
     for (const PointObservation& point : line.points) {
       if (!(point.weight > 0)) continue;
-      const LaserPoint at =
-          laser_point(ray_of(estimate.camera.data(), point.p_px), plane_.normal_C, plane_.distance_mm);
-      if (!at.exists) continue;
-      points_.push_back(
-          {point.p_px, std::sqrt(point.weight) / (point.sigma_px * (up.transpose() * at.by_pixel).norm())});
+      const LineDistance at =
+          line_distance(estimate.camera.data(), point.p_px, plane_.normal_C, plane_.distance_mm, up, height);
+      if (at.exists && at.definite) points_.push_back({point.p_px, std::sqrt(point.weight) / point.sigma_px});
     }
     set_num_residuals(static_cast<int>(points_.size()));
     *mutable_parameter_block_sizes() = {9, 3, 4, 3};
@@ -219,24 +221,27 @@ class PlatterTerm final : public ceres::CostFunction {
     const Eigen::Index count = num_residuals();
     for (std::size_t i = 0; i < points_.size(); ++i) {
       const auto& [p_px, per_sigma] = points_[i];
-      const LaserPoint at = laser_point(ray_of(blocks[0], p_px), normal.d, distance);
+      const LineDistance at =
+          line_distance(blocks[0], p_px, normal.d, distance, up, up.dot(point_C) + blocks[3][0]);
       if (!at.exists) return false;
-      const Vector3d from = at.p_C - point_C;
-      residuals[i] = per_sigma * (up.dot(from) - blocks[3][0]);
+      residuals[i] = per_sigma * at.distance_px;
       if (jacobians == nullptr) continue;
       const auto row = static_cast<Eigen::Index>(i);
-      const Eigen::RowVector3d by_point = per_sigma * up.transpose();
-      if (jacobians[0] != nullptr) JacobianMap(jacobians[0], count, 9).row(row) = by_point * at.by_camera;
+      const double per_height = per_sigma / at.per_px;
+      const Vector3d from = at.foot.p_C - point_C;
+      const Eigen::RowVector3d by_point = per_height * up.transpose();
+      if (jacobians[0] != nullptr) JacobianMap(jacobians[0], count, 9).row(row) = by_point * at.foot.by_camera;
       if (jacobians[1] != nullptr) {
-        const Eigen::Matrix3d by_normal = at.by_normal + at.by_distance * plane_.anchor_C.transpose();
-        JacobianMap(jacobians[1], count, 3).row(row) << by_point * by_normal * normal.by, by_point * at.by_distance;
+        const Eigen::Matrix3d by_normal = at.foot.by_normal + at.foot.by_distance * plane_.anchor_C.transpose();
+        JacobianMap(jacobians[1], count, 3).row(row) << by_point * by_normal * normal.by,
+            by_point * at.foot.by_distance;
       }
       if (jacobians[2] != nullptr) {
-        JacobianMap(jacobians[2], count, 4).row(row) << per_sigma * from.transpose() * direction.by,
+        JacobianMap(jacobians[2], count, 4).row(row) << per_height * from.transpose() * direction.by,
             -by_point * axis_.across_C;
       }
       if (jacobians[3] != nullptr) {
-        JacobianMap(jacobians[3], count, 3).row(row) << -per_sigma, -per_sigma * from.transpose() * axis_.across_C;
+        JacobianMap(jacobians[3], count, 3).row(row) << -per_height, -per_height * from.transpose() * axis_.across_C;
       }
     }
     return true;
@@ -245,7 +250,7 @@ class PlatterTerm final : public ceres::CostFunction {
  private:
   struct Point {
     Eigen::Vector2d p_px;
-    double per_sigma;  ///< 1/mm
+    double per_sigma;  ///< 1/px
   };
   AxisEstimate axis_;
   PlaneEstimate plane_;

@@ -42,7 +42,7 @@ std::vector<VolumePoint> volume_of(const Observations& observations, const Estim
   each_point([&](std::size_t plane, const PointObservation& point) {
     if (seen[plane]++ % (totals[plane] / kAboutForEachLaser + 1) != 0) return;
     const PlaneEstimate& of = estimate.planes[plane];
-    const LaserPoint at = laser_point(ray_of(estimate.camera.data(), point.p_px), of.normal_C, of.distance_mm);
+    const PlanePoint at = plane_point(ray_of(estimate.camera.data(), point.p_px), of.normal_C, of.distance_mm);
     if (at.exists) out.push_back({plane, point.p_px, at.p_C});
   });
   return out;
@@ -90,8 +90,8 @@ double Uncertainty::scale() const {
   return deviation(common, information_.covariance);
 }
 
-double Uncertainty::of(int parameter) const {
-  return std::sqrt(std::max(0.0, information_.covariance(parameter, parameter)));
+double Uncertainty::of(int parameter, Scale scale) const {
+  return std::sqrt(std::max(0.0, covariance(scale)(parameter, parameter)));
 }
 
 double Uncertainty::worst_of_two(int first) const {
@@ -111,7 +111,7 @@ double Uncertainty::radius(Scale scale) const {
   for (const VolumePoint& place : volume_) {
     const PlaneEstimate& plane = estimate_.planes[place.plane];
     const Ray ray = ray_of(estimate_.camera.data(), place.p_px);
-    const LaserPoint at = laser_point(ray, plane.normal_C, plane.distance_mm);
+    const PlanePoint at = plane_point(ray, plane.normal_C, plane.distance_mm);
     const Vector3d from = at.p_C - axis.point_C;
     const double height = axis.direction_C.dot(from);
     const Vector3d across = from - height * axis.direction_C;

@@ -33,13 +33,13 @@ class Uncertainty {
   /// Standard uncertainty of the length of everything, relative.
   double scale() const;
 
-  double of(int parameter) const;
   /// Standard deviation in the worst direction of two neighbouring parameters.
   double worst_of_two(int first) const;
   double plane_distance(std::size_t plane) const;
 
   // What follows can be had with the uncertainty of the scale, and as if the scale were known.
   enum class Scale { included, known };
+  double of(int parameter, Scale scale = Scale::included) const;
   /// Of a radius measured by a laser, the largest over the volume; 0 without lines.
   double radius(Scale scale) const;
   /// Of the plane's place, across it, the largest over the volume.

@@ -16,6 +16,8 @@ namespace {
 
 using Eigen::Vector3d;
 
+/// Prints that nobody measured come with 0.3 %.
+constexpr double kBelowUnmeasured = 0.299;
 constexpr double kDegree = std::numbers::pi / 180;
 
 /// Which way the boards of the used views looked.
@@ -244,9 +246,7 @@ CalibrationStep judge_scale(const CalibrationInput& input, const Estimate& estim
   StepJudge judge("scale");
   const std::string measure = "measure the print along x and y, over its whole length, and give true / nominal length";
   const double u = std::max(input.pitch_x.u / input.pitch_x.value, input.pitch_y.u / input.pitch_y.value);
-  // Unmeasured prints come with 0.003: less than that has to be shown.
-  const double shown = std::nextafter(0.003, 0.0);
-  judge.at_most("the print's length is known to", 100 * u, " %", 100 * shown, 1, measure);
+  judge.at_most("the print's length is known to", 100 * u, " %", kBelowUnmeasured, 1, measure);
   judge.say(Verdict::good, "lengths to " + figure(100 * uncertainty.scale()) + " %");
   const Eigen::Vector2d off((estimate.pitch.x() - input.pitch_x.value) / std::max(input.pitch_x.u, 1e-7),
                             (estimate.pitch.y() - input.pitch_y.value) / std::max(input.pitch_y.u, 1e-7));
@@ -277,7 +277,7 @@ CalibrationStep judge_platter(const Estimate& estimate, const Observations& obse
   }
   judge.at_least("points on the bare platter:", used, "", 50, 10, show);
   judge.at_most("of them beside it:", 100.0 * off / (used + off), " %", 10, 50, show);
-  judge.at_most("u(z = 0)", uncertainty.of(uncertainty.layout().platter), " mm", 0.1, 0.5, show);
+  judge.at_most("u(z = 0)", uncertainty.of(uncertainty.layout().platter, Uncertainty::Scale::known), " mm", 0.1, 0.5, show);
   const int slopes = uncertainty.layout().platter + 1;
   const double slope = estimate.platter->slope.norm(), u = uncertainty.worst_of_two(slopes);
   // A slope counts as seen beyond three standard deviations.
