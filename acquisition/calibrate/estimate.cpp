@@ -1,0 +1,110 @@
+#include "acquisition/calibrate/estimate.h"
+
+#include <cmath>
+
+namespace celadon::calibrate {
+
+using Eigen::Matrix3d;
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+MovedDirection moved_direction(const Vector3d& d0, const Tangents& tangents, const double* t) {
+  const Vector3d raw = d0 + tangents * Vector2d(t[0], t[1]);
+  const double length = raw.norm();
+  const Vector3d d = raw / length;
+  return {d, (tangents - d * (d.transpose() * tangents)) / length};
+}
+
+Tangents tangents_across(const Vector3d& direction) {
+  Tangents out;
+  out.col(0) = direction.unitOrthogonal();
+  out.col(1) = direction.cross(out.col(0));
+  return out;
+}
+
+Parameters::Parameters(const Estimate& about) : camera(about.camera), pitch{about.pitch.x(), about.pitch.y()} {
+  if (about.axis) turn = about.axis->turn;
+  if (about.platter) platter = {about.platter->height_mm, about.platter->slope.x(), about.platter->slope.y()};
+  planes.assign(about.planes.size(), {});
+  poses.assign(about.X_CB.size(), {});
+}
+
+Estimate Parameters::moved(const Estimate& about) const {
+  Estimate out = about;
+  out.camera = camera;
+  out.pitch = {pitch[0], pitch[1]};
+  if (out.axis) {
+    out.axis->direction_C = moved_direction(about.axis->direction_C, about.axis->across_C, axis.data()).d;
+    out.axis->point_C += about.axis->across_C * Vector2d(axis[2], axis[3]);
+    out.axis->turn = turn;
+  }
+  if (out.platter) out.platter = PlatterEstimate{platter[0], {platter[1], platter[2]}};
+  for (std::size_t i = 0; i < planes.size(); ++i) {
+    PlaneEstimate& plane = out.planes[i];
+    plane.normal_C = moved_direction(plane.normal_C, plane.tangents_C, planes[i].data()).d;
+    plane.distance_mm = plane.normal_C.dot(plane.anchor_C) + planes[i][2];
+    plane.anchor_C += plane.normal_C * planes[i][2];
+    plane.tangents_C = tangents_across(plane.normal_C);
+  }
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    const Vector3d turned(poses[i][0], poses[i][1], poses[i][2]), shifted(poses[i][3], poses[i][4], poses[i][5]);
+    const double angle = turned.norm();
+    if (angle > 0) {
+      // Products of rotations drift from orthonormal: the quaternion brings them back.
+      const Matrix3d R = Eigen::AngleAxisd(angle, turned / angle).toRotationMatrix() * about.X_CB[i].linear();
+      out.X_CB[i].linear() = Eigen::Quaterniond(R).normalized().toRotationMatrix();
+    }
+    out.X_CB[i].translation() += shifted;
+  }
+  return out;
+}
+
+Eigen::Isometry3d scanner_frame(const Estimate& estimate) {
+  const AxisEstimate& axis = *estimate.axis;
+  const Vector3d z = axis.direction_C;
+  const Vector3d origin = axis.point_C + (estimate.platter ? estimate.platter->height_mm : 0.0) * z;
+  // Seen from above, towards the camera.
+  Vector3d towards = -origin + z * z.dot(origin);
+  Vector3d x = towards;
+  if (!estimate.planes.empty()) {
+    const Vector3d along = estimate.planes.front().normal_C.cross(z);
+    if (along.norm() > 1e-6) x = along.dot(towards) < 0 ? Vector3d(-along) : along;
+  }
+  if (x.norm() < 1e-9) x = z.unitOrthogonal();
+  x = (x - z * z.dot(x)).normalized();
+  Eigen::Isometry3d X_CW = Eigen::Isometry3d::Identity();
+  X_CW.linear() << x, z.cross(x), z;
+  X_CW.translation() = origin;
+  return X_CW;
+}
+
+Estimate anchored(const Estimate& estimate) {
+  Estimate out = estimate;
+  if (!out.axis) {
+    for (PlaneEstimate& plane : out.planes) plane.tangents_C = tangents_across(plane.normal_C);
+    return out;
+  }
+  const Eigen::Isometry3d X_CW = scanner_frame(estimate);
+  const Tangents across = X_CW.linear().leftCols<2>();
+  if (out.platter) {
+    // The slope is a vector across the axis: its coordinates turn with the chart.
+    out.platter->slope = across.transpose() * (out.axis->across_C * out.platter->slope);
+    out.platter->height_mm = 0;
+  }
+  out.axis->across_C = across;
+  out.axis->point_C = X_CW.translation();
+  const Vector3d up = X_CW.linear().col(2);
+  for (PlaneEstimate& plane : out.planes) {
+    const Vector3d n = plane.normal_C, in_plane = up - n * n.dot(up);
+    plane.anchor_C = X_CW.translation() + n * (plane.distance_mm - n.dot(X_CW.translation()));
+    if (in_plane.norm() > 1e-6) {
+      plane.tangents_C.col(0) = in_plane.normalized();
+      plane.tangents_C.col(1) = n.cross(plane.tangents_C.col(0));
+    } else {
+      plane.tangents_C = tangents_across(n);
+    }
+  }
+  return out;
+}
+
+}  // namespace celadon::calibrate

@@ -1,0 +1,68 @@
+#pragma once
+// What was seen, arranged for the bundle: each corner and line point with its weight and its residual.
+
+#include <Eigen/Core>
+#include <string>
+#include <vector>
+
+#include <tl/expected.hpp>
+
+#include "acquisition/calibrate/calibration_views.h"
+#include "acquisition/calibrate/estimate.h"
+
+namespace celadon::calibrate {
+
+struct CornerObservation {
+  Eigen::Vector2d p_mm;  ///< on the print, nominal
+  Eigen::Vector2d p_px;
+  double sigma_px = 0;
+  double weight = 1;                                   ///< 0: left out
+  Eigen::Vector2d residual = Eigen::Vector2d::Zero();  ///< in standard deviations
+};
+
+struct PointObservation {
+  Eigen::Vector2d p_px;
+  double sigma_px = 0;
+  double weight = 1;
+  double residual = 0;     ///< in standard deviations
+  double distance_mm = 0;  ///< from the plane
+};
+
+struct LineObservation {
+  int laser = 0;
+  int plane = -1;  ///< in Estimate::planes; -1: none
+  bool used = true;
+  std::vector<PointObservation> points;
+};
+
+struct ViewObservation {
+  int view = 0;        ///< in the input
+  int placement = -1;  ///< -1: held
+  int pose = 0;        ///< in Estimate::X_CB
+  double encoder_rad = 0;
+  double angle_rad = 0;  ///< encoder angle from the placement's reference
+  bool used = true;
+  std::vector<CornerObservation> corners;
+  std::vector<LineObservation> lines;
+
+  bool turned() const { return placement >= 0; }
+};
+
+struct Observations {
+  std::vector<ViewObservation> views;
+  std::vector<LineObservation> platter;
+  Measured pitch_x, pitch_y;
+};
+
+/// Every view a pose of its own, held; all weights 1. Views with fewer than 8 corners are not `used`.
+/// Errors: a picture without a size, a corner that is not on the board, a number that is not finite or a standard
+/// deviation that is not positive.
+tl::expected<Observations, std::string> arrange(const CalibrationInput& input);
+
+/// Pose of the board in the camera frame.
+Eigen::Isometry3d pose_of(const Estimate& estimate, const ViewObservation& view);
+
+/// Fills residual and distance_mm of every observation that has a pose and a plane, used or not.
+void update_residuals(const Estimate& estimate, Observations& observations);
+
+}  // namespace celadon::calibrate

@@ -1,0 +1,308 @@
+// Formulas: README.md, (1) to (7).
+#include "acquisition/calibrate/residual_terms.h"
+
+#include <ceres/jet.h>
+#include <ceres/normal_prior.h>
+#include <ceres/rotation.h>
+
+#include <cmath>
+
+#include "acquisition/calibrate/line_distance.h"
+
+namespace celadon::calibrate {
+namespace {
+
+using Eigen::Vector3d;
+using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+using JacobianMap = Eigen::Map<Rows>;
+
+/// Pose of a view with its derivatives by the numbers that it depends on: 6 of its own, and for a turned view 4 of the
+/// axis and the turn.
+class ViewPose {
+ public:
+  static constexpr int kOwn = 6, kAxis = 4, kAll = 11;
+  struct Value {
+    Eigen::Matrix3d R;
+    Vector3d t;
+    Eigen::Matrix<double, 9, kAll> R_by;  ///< column after column of R
+    Eigen::Matrix<double, 3, kAll> t_by;
+  };
+
+  ViewPose(const Estimate& estimate, const ViewObservation& view)
+      : X_CB_(estimate.X_CB[static_cast<std::size_t>(view.pose)]), turned_(view.turned() && estimate.axis) {
+    if (turned_) {
+      axis_ = *estimate.axis;
+      angle_rad_ = view.angle_rad;
+    }
+  }
+  bool turned() const { return turned_; }
+
+  /// @param blocks own (6), and if turned: axis (4), turn (1)
+  Value at(double const* const* blocks) const {
+    using Jet = ceres::Jet<double, kAll>;
+    using Vector = Eigen::Matrix<Jet, 3, 1>;
+    using Matrix = Eigen::Matrix<Jet, 3, 3>;
+    Jet x[kAll];
+    for (int i = 0; i < kOwn; ++i) x[i] = Jet(blocks[0][i], i);
+    Matrix moved;
+    ceres::AngleAxisToRotationMatrix(x, moved.data());
+    Matrix R = moved * X_CB_.linear().cast<Jet>();
+    Vector t = X_CB_.translation().cast<Jet>() + Vector(x[3], x[4], x[5]);
+    if (turned_) {
+      for (int i = 0; i < kAxis; ++i) x[kOwn + i] = Jet(blocks[1][i], kOwn + i);
+      x[kAll - 1] = Jet(blocks[2][0], kAll - 1);
+      const Eigen::Matrix<Jet, 3, 2> across = axis_.across_C.cast<Jet>();
+      Vector direction = axis_.direction_C.cast<Jet>() + across * Eigen::Matrix<Jet, 2, 1>(x[6], x[7]);
+      direction /= sqrt(direction.squaredNorm());
+      const Vector point = axis_.point_C.cast<Jet>() + across * Eigen::Matrix<Jet, 2, 1>(x[8], x[9]);
+      const Vector about = direction * (x[kAll - 1] * angle_rad_);
+      Matrix turn;
+      ceres::AngleAxisToRotationMatrix(about.data(), turn.data());
+      R = (turn * R).eval();
+      t = (turn * (t - point) + point).eval();
+    }
+    Value out;
+    for (int i = 0; i < 9; ++i) {
+      out.R.data()[i] = R.data()[i].a;
+      out.R_by.row(i) = R.data()[i].v.transpose();
+    }
+    for (int i = 0; i < 3; ++i) {
+      out.t[i] = t[i].a;
+      out.t_by.row(i) = t[i].v.transpose();
+    }
+    return out;
+  }
+
+  /// Writes d residual / d blocks, given d residual / d (the 11 numbers).
+  void spread(const Rows& by, double** jacobians) const {
+    const auto write = [&](int block, int first, int size) {
+      if (jacobians[block] != nullptr) JacobianMap(jacobians[block], by.rows(), size) = by.middleCols(first, size);
+    };
+    write(0, 0, kOwn);
+    if (!turned_) return;
+    write(1, kOwn, kAxis);
+    write(2, kAll - 1, 1);
+  }
+
+ private:
+  Eigen::Isometry3d X_CB_;
+  bool turned_ = false;
+  AxisEstimate axis_;
+  double angle_rad_ = 0;
+};
+
+/// Blocks: camera, pitch, pose [, axis, turn].
+class CornerTerm final : public ceres::CostFunction {
+ public:
+  CornerTerm(const Estimate& estimate, const ViewObservation& view) : pose_(estimate, view) {
+    for (const CornerObservation& corner : view.corners) {
+      if (corner.weight > 0) corners_.push_back(corner);
+    }
+    set_num_residuals(2 * static_cast<int>(corners_.size()));
+    *mutable_parameter_block_sizes() = {9, 2, ViewPose::kOwn};
+    if (pose_.turned()) mutable_parameter_block_sizes()->insert(parameter_block_sizes().end(), {ViewPose::kAxis, 1});
+  }
+
+  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
+    const ViewPose::Value pose = pose_.at(blocks + 2);
+    const Eigen::Index count = num_residuals();
+    Rows by_pose(jacobians != nullptr ? count : 0, ViewPose::kAll);
+    for (std::size_t i = 0; i < corners_.size(); ++i) {
+      const CornerObservation& corner = corners_[i];
+      const double x = blocks[1][0] * corner.p_mm.x(), y = blocks[1][1] * corner.p_mm.y();
+      const Vector3d p_C = pose.R.col(0) * x + pose.R.col(1) * y + pose.t;
+      if (!(p_C.z() > 0)) return false;
+      const double inverse_z = 1 / p_C.z(), a = p_C.x() * inverse_z, b = p_C.y() * inverse_z;
+      const Projection at = project(blocks[0], a, b);
+      const double per_sigma = std::sqrt(corner.weight) / corner.sigma_px;
+      const auto row = 2 * static_cast<Eigen::Index>(i);
+      Eigen::Map<Eigen::Vector2d>(residuals + row) = per_sigma * (at.p_px - corner.p_px);
+      if (jacobians == nullptr) continue;
+      Eigen::Matrix<double, 2, 3> by_point;
+      by_point << inverse_z, 0, -a * inverse_z, 0, inverse_z, -b * inverse_z;
+      by_point = (per_sigma * at.by_ray * by_point).eval();
+      if (jacobians[0] != nullptr) JacobianMap(jacobians[0], count, 9).middleRows<2>(row) = per_sigma * at.by_camera;
+      if (jacobians[1] != nullptr) {
+        JacobianMap by_pitch(jacobians[1], count, 2);
+        by_pitch.block<2, 1>(row, 0) = by_point * pose.R.col(0) * corner.p_mm.x();
+        by_pitch.block<2, 1>(row, 1) = by_point * pose.R.col(1) * corner.p_mm.y();
+      }
+      by_pose.middleRows<2>(row) = by_point * (x * pose.R_by.topRows<3>() + y * pose.R_by.middleRows<3>(3) + pose.t_by);
+    }
+    if (jacobians != nullptr) pose_.spread(by_pose, jacobians + 2);
+    return true;
+  }
+
+ private:
+  ViewPose pose_;
+  std::vector<CornerObservation> corners_;
+};
+
+/// Blocks: camera, plane, pose [, axis, turn].
+class LineTerm final : public ceres::CostFunction {
+ public:
+  LineTerm(const Estimate& estimate, const ViewObservation& view, const LineObservation& line)
+      : pose_(estimate, view), plane_(estimate.planes[static_cast<std::size_t>(line.plane)]) {
+    const Eigen::Isometry3d X_CB = calibrate::pose_of(estimate, view);
+    const Vector3d m = X_CB.linear().col(2);
+    for (const PointObservation& point : line.points) {
+      if (!(point.weight > 0)) continue;
+      const LineDistance at = line_distance(estimate.camera.data(), point.p_px, m, m.dot(X_CB.translation()),
+                                            plane_.normal_C, plane_.distance_mm);
+      if (at.exists && at.definite) points_.push_back({point.p_px, std::sqrt(point.weight) / point.sigma_px});
+    }
+    set_num_residuals(static_cast<int>(points_.size()));
+    *mutable_parameter_block_sizes() = {9, 3, ViewPose::kOwn};
+    if (pose_.turned()) mutable_parameter_block_sizes()->insert(parameter_block_sizes().end(), {ViewPose::kAxis, 1});
+  }
+
+  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
+    const ViewPose::Value pose = pose_.at(blocks + 2);
+    const MovedDirection normal = moved_direction(plane_.normal_C, plane_.tangents_C, blocks[1]);
+    const double distance = normal.d.dot(plane_.anchor_C) + blocks[1][2];
+    const Eigen::Index count = num_residuals();
+    Rows by_pose(jacobians != nullptr ? count : 0, ViewPose::kAll);
+    const Vector3d m = pose.R.col(2);
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const auto& [p_px, per_sigma] = points_[i];
+      const LineDistance at = line_distance(blocks[0], p_px, m, m.dot(pose.t), normal.d, distance);
+      if (!at.exists) return false;
+      residuals[i] = per_sigma * at.distance_px;
+      if (jacobians == nullptr) continue;
+      const auto row = static_cast<Eigen::Index>(i);
+      const double per_height = per_sigma / at.per_px;
+      const Eigen::RowVector3d by_point = per_height * normal.d.transpose();
+      if (jacobians[0] != nullptr) JacobianMap(jacobians[0], count, 9).row(row) = by_point * at.foot.by_camera;
+      if (jacobians[1] != nullptr) {
+        const Vector3d by_normal = at.foot.p_C - plane_.anchor_C;
+        JacobianMap(jacobians[1], count, 3).row(row) << per_height * by_normal.transpose() * normal.by, -per_height;
+      }
+      const double by_distance = by_point * at.foot.by_distance;
+      const Eigen::RowVector3d by_m = by_point * at.foot.by_normal + by_distance * pose.t.transpose();
+      by_pose.row(row) = by_m * pose.R_by.bottomRows<3>() + by_distance * m.transpose() * pose.t_by;
+    }
+    if (jacobians != nullptr) pose_.spread(by_pose, jacobians + 2);
+    return true;
+  }
+
+ private:
+  struct Point {
+    Eigen::Vector2d p_px;
+    double per_sigma;  ///< 1/px
+  };
+  ViewPose pose_;
+  PlaneEstimate plane_;
+  std::vector<Point> points_;
+};
+
+/// Blocks: camera, plane, axis, platter.
+class PlatterTerm final : public ceres::CostFunction {
+ public:
+  PlatterTerm(const Estimate& estimate, const LineObservation& line)
+      : axis_(*estimate.axis), plane_(estimate.planes[static_cast<std::size_t>(line.plane)]) {
+    const Vector3d up = axis_.direction_C - axis_.across_C * estimate.platter->slope;
+    const double height = up.dot(axis_.point_C) + estimate.platter->height_mm;
+    for (const PointObservation& point : line.points) {
+      if (!(point.weight > 0)) continue;
+      const LineDistance at =
+          line_distance(estimate.camera.data(), point.p_px, plane_.normal_C, plane_.distance_mm, up, height);
+      if (at.exists && at.definite) points_.push_back({point.p_px, std::sqrt(point.weight) / point.sigma_px});
+    }
+    set_num_residuals(static_cast<int>(points_.size()));
+    *mutable_parameter_block_sizes() = {9, 3, 4, 3};
+  }
+
+  bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
+    const MovedDirection normal = moved_direction(plane_.normal_C, plane_.tangents_C, blocks[1]);
+    const double distance = normal.d.dot(plane_.anchor_C) + blocks[1][2];
+    const MovedDirection direction = moved_direction(axis_.direction_C, axis_.across_C, blocks[2]);
+    const Vector3d point_C = axis_.point_C + axis_.across_C * Eigen::Vector2d(blocks[2][2], blocks[2][3]);
+    const Vector3d up = direction.d - axis_.across_C * Eigen::Vector2d(blocks[3][1], blocks[3][2]);
+    const Eigen::Index count = num_residuals();
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const auto& [p_px, per_sigma] = points_[i];
+      const LineDistance at =
+          line_distance(blocks[0], p_px, normal.d, distance, up, up.dot(point_C) + blocks[3][0]);
+      if (!at.exists) return false;
+      residuals[i] = per_sigma * at.distance_px;
+      if (jacobians == nullptr) continue;
+      const auto row = static_cast<Eigen::Index>(i);
+      const double per_height = per_sigma / at.per_px;
+      const Vector3d from = at.foot.p_C - point_C;
+      const Eigen::RowVector3d by_point = per_height * up.transpose();
+      if (jacobians[0] != nullptr) JacobianMap(jacobians[0], count, 9).row(row) = by_point * at.foot.by_camera;
+      if (jacobians[1] != nullptr) {
+        const Eigen::Matrix3d by_normal = at.foot.by_normal + at.foot.by_distance * plane_.anchor_C.transpose();
+        JacobianMap(jacobians[1], count, 3).row(row) << by_point * by_normal * normal.by,
+            by_point * at.foot.by_distance;
+      }
+      if (jacobians[2] != nullptr) {
+        JacobianMap(jacobians[2], count, 4).row(row) << per_height * from.transpose() * direction.by,
+            -by_point * axis_.across_C;
+      }
+      if (jacobians[3] != nullptr) {
+        JacobianMap(jacobians[3], count, 3).row(row) << -per_height, -per_height * from.transpose() * axis_.across_C;
+      }
+    }
+    return true;
+  }
+
+ private:
+  struct Point {
+    Eigen::Vector2d p_px;
+    double per_sigma;  ///< 1/px
+  };
+  AxisEstimate axis_;
+  PlaneEstimate plane_;
+  std::vector<Point> points_;
+};
+
+std::unique_ptr<ceres::CostFunction> prior(const Eigen::VectorXd& mean, const Eigen::VectorXd& sigma) {
+  // A prior without uncertainty still needs a number to divide by: a ten-millionth of the pitch moves nothing.
+  constexpr double kSurest = 1e-7;
+  const Eigen::MatrixXd A = sigma.cwiseMax(kSurest).cwiseInverse().asDiagonal();
+  return std::make_unique<ceres::NormalPrior>(A, mean);
+}
+
+}  // namespace
+
+std::vector<Term> terms_of(const Observations& observations, const Estimate& estimate, Parameters& parameters) {
+  std::vector<Term> terms;
+  const auto add = [&](std::unique_ptr<ceres::CostFunction> cost, std::vector<double*> blocks) {
+    if (cost->num_residuals() > 0) terms.push_back({std::move(cost), std::move(blocks)});
+  };
+  for (const ViewObservation& view : observations.views) {
+    if (!view.used) continue;
+    std::vector<double*> pose = {parameters.poses[static_cast<std::size_t>(view.pose)].data()};
+    if (view.turned() && estimate.axis) pose.insert(pose.end(), {parameters.axis.data(), &parameters.turn});
+    const auto with_pose = [&](double* second) {
+      std::vector<double*> blocks = {parameters.camera.data(), second};
+      blocks.insert(blocks.end(), pose.begin(), pose.end());
+      return blocks;
+    };
+    add(std::make_unique<CornerTerm>(estimate, view), with_pose(parameters.pitch.data()));
+    for (const LineObservation& line : view.lines) {
+      if (!line.used || line.plane < 0) continue;
+      add(std::make_unique<LineTerm>(estimate, view, line),
+          with_pose(parameters.planes[static_cast<std::size_t>(line.plane)].data()));
+    }
+  }
+  if (estimate.platter) {
+    for (const LineObservation& line : observations.platter) {
+      if (!line.used || line.plane < 0) continue;
+      add(std::make_unique<PlatterTerm>(estimate, line),
+          {parameters.camera.data(), parameters.planes[static_cast<std::size_t>(line.plane)].data(),
+           parameters.axis.data(), parameters.platter.data()});
+    }
+    // Of the height a prior says nothing.
+    Eigen::MatrixXd A = Eigen::MatrixXd::Zero(2, 3);
+    A(0, 1) = A(1, 2) = 1 / kPlatterSlopePrior;
+    add(std::make_unique<ceres::NormalPrior>(A, Eigen::Vector3d::Zero()), {parameters.platter.data()});
+  }
+  add(prior(Eigen::Vector2d(observations.pitch_x.value, observations.pitch_y.value),
+            Eigen::Vector2d(observations.pitch_x.u, observations.pitch_y.u)),
+      {parameters.pitch.data()});
+  return terms;
+}
+
+}  // namespace celadon::calibrate

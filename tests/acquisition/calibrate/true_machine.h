@@ -1,0 +1,250 @@
+#pragma once
+// A machine whose every number is known, and what its camera sees of a board: written from CALIBRATION.md's formulas,
+// without the code under test.
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cmath>
+#include <numbers>
+#include <random>
+#include <vector>
+
+#include "acquisition/calibrate/calibration_solver.h"
+
+namespace celadon::test {
+
+constexpr double kDegree = std::numbers::pi / 180;
+
+struct TrueMachine {
+  int width_px = 1280, height_px = 1024;
+  std::array<double, 9> camera = {2100, 2102, 645.8, 507.4, -0.12, 0.05, 4e-4, -3e-4, 0.01};
+  Eigen::Isometry3d X_CW = Eigen::Isometry3d::Identity();  ///< z the axis upward, origin on the platter
+  struct Sheet {
+    int laser;
+    Eigen::Vector3d normal_W;
+    double distance_mm;
+  };
+  std::vector<Sheet> sheets;
+  double encoder_scale = 1.0008, direction = 1;
+  Eigen::Vector2d pitch{1, 1};
+  Eigen::Vector2d platter_slope{0, 0};
+
+  /// Camera 300 mm from the axis, 30 degrees beside the laser and 12 above; two lasers, mirrored about the camera.
+  TrueMachine() {
+    constexpr double kAbove = 12 * kDegree, kBeside = 30 * kDegree;
+    const Eigen::Vector3d target(0, 0, 58);
+    const Eigen::Vector3d eye = target + 300 * Eigen::Vector3d(std::cos(kAbove) * std::cos(kBeside),
+                                                               std::cos(kAbove) * std::sin(kBeside), std::sin(kAbove));
+    const Eigen::Vector3d forward = (target - eye).normalized();
+    const Eigen::Vector3d right = forward.cross(Eigen::Vector3d::UnitZ()).normalized();
+    X_CW.linear() << right.transpose(), forward.cross(right).transpose(), forward.transpose();
+    X_CW.translation() = -X_CW.linear() * eye;
+    const auto sheet = [](int laser, double azimuth, double offset, double tilt) {
+      return Sheet{
+          laser, {-std::sin(azimuth) * std::cos(tilt), std::cos(azimuth) * std::cos(tilt), std::sin(tilt)}, offset};
+    };
+    sheets = {sheet(0, 0, 0.13, 0.004), sheet(1, 2 * kBeside, -0.21, -0.003)};
+  }
+
+  Eigen::Vector2d project(const Eigen::Vector3d& p_C) const {
+    const auto& [fx, fy, cx, cy, k1, k2, p1, p2, k3] = camera;
+    const double a = p_C.x() / p_C.z(), b = p_C.y() / p_C.z(), s = a * a + b * b;
+    const double g = 1 + k1 * s + k2 * s * s + k3 * s * s * s;
+    return {fx * (a * g + 2 * p1 * a * b + p2 * (s + 2 * a * a)) + cx,
+            fy * (b * g + p1 * (s + 2 * b * b) + 2 * p2 * a * b) + cy};
+  }
+  bool in_picture(const Eigen::Vector2d& p) const {
+    return p.x() >= 2 && p.y() >= 2 && p.x() <= width_px - 3 && p.y() <= height_px - 3;
+  }
+  Eigen::Vector3d normal_C(const Sheet& sheet) const { return X_CW.linear() * sheet.normal_W; }
+  double distance_C(const Sheet& sheet) const { return sheet.distance_mm + normal_C(sheet).dot(X_CW.translation()); }
+  Eigen::Isometry3d turned(double encoder_rad) const {
+    return X_CW * Eigen::AngleAxisd(direction * encoder_scale * encoder_rad, Eigen::Vector3d::UnitZ());
+  }
+};
+
+struct Noise {
+  double corner_px = 0.03, line_px = 0.05;
+  bool drawn = true;  ///< false: the standard deviations are stated, nothing is added
+};
+
+/// Draws what the camera sees.
+class Viewer {
+ public:
+  Viewer(const TrueMachine& machine, const TargetBoard& board, std::uint64_t seed, Noise noise)
+      : machine_(machine), board_(board), random_(seed), noise_(noise) {}
+
+  std::mt19937_64& random() { return random_; }
+  double uniform(double lo, double hi) { return std::uniform_real_distribution<double>(lo, hi)(random_); }
+  double normal() { return std::normal_distribution<double>()(random_); }
+
+  Eigen::Vector3d on_board(const Eigen::Isometry3d& X_CB, const Eigen::Vector2d& p_mm) const {
+    return X_CB * Eigen::Vector3d(machine_.pitch.x() * p_mm.x(), machine_.pitch.y() * p_mm.y(), 0);
+  }
+  bool whole(const Eigen::Isometry3d& X_CB) const {
+    for (const BoardCorner& corner : board_.corners()) {
+      const Eigen::Vector3d p = on_board(X_CB, corner.p_mm);
+      if (p.z() < 50 || !machine_.in_picture(machine_.project(p))) return false;
+    }
+    return true;
+  }
+  std::vector<SeenCorner> corners(const Eigen::Isometry3d& X_CB) {
+    std::vector<SeenCorner> out;
+    for (const BoardCorner& corner : board_.corners()) {
+      const Eigen::Vector2d p = machine_.project(on_board(X_CB, corner.p_mm));
+      if (!machine_.in_picture(p)) continue;
+      out.push_back({corner.id, p + drawn(noise_.corner_px) * Eigen::Vector2d(normal(), normal()), noise_.corner_px});
+    }
+    return out;
+  }
+  /// The laser's line on a plane, from `middle` along the line to both sides.
+  SeenLine line(const TrueMachine::Sheet& sheet, const Eigen::Vector3d& plane_normal_C, const Eigen::Vector3d& middle_C,
+                double half_length_mm, double step_mm) {
+    SeenLine out;
+    out.laser = sheet.laser;
+    const Eigen::Vector3d n = machine_.normal_C(sheet), along = n.cross(plane_normal_C).normalized();
+    // From the middle to the laser plane within the other plane.
+    const Eigen::Vector3d across = plane_normal_C.cross(along);
+    const Eigen::Vector3d foot = middle_C + across * ((machine_.distance_C(sheet) - n.dot(middle_C)) / n.dot(across));
+    for (double s = -half_length_mm; s <= half_length_mm; s += step_mm) {
+      const Eigen::Vector3d p_C = foot + s * along;
+      const Eigen::Vector2d p = machine_.project(p_C);
+      if (!machine_.in_picture(p)) continue;
+      const Eigen::Vector2d tangent = (machine_.project(p_C + 1e-3 * along) - p).normalized();
+      out.points.push_back(
+          {p + drawn(noise_.line_px) * normal() * Eigen::Vector2d(-tangent.y(), tangent.x()), noise_.line_px});
+    }
+    return out;
+  }
+  std::vector<SeenLine> lines(const Eigen::Isometry3d& X_CB, double step_mm) {
+    std::vector<SeenLine> out;
+    const double half = 0.45 * board_.square_mm() * board_.rows();
+    for (const auto& sheet : machine_.sheets) {
+      SeenLine seen = line(sheet, X_CB.linear().col(2), X_CB.translation(), half, step_mm);
+      if (seen.points.size() > 20) out.push_back(std::move(seen));
+    }
+    return out;
+  }
+  /// Facing the camera but for a lean to a random side, the middle at a pixel and a depth.
+  Eigen::Isometry3d pose(double x_px, double y_px, double depth_mm, double lean_rad) {
+    const double side = uniform(0, 2 * std::numbers::pi);
+    Eigen::Isometry3d X_CB = Eigen::Isometry3d::Identity();
+    X_CB.linear() = (Eigen::AngleAxisd(lean_rad, Eigen::Vector3d(std::cos(side), std::sin(side), 0)) *
+                     Eigen::AngleAxisd(uniform(-0.4, 0.4), Eigen::Vector3d::UnitZ()))
+                        .toRotationMatrix();
+    X_CB.translation() = depth_mm * Eigen::Vector3d((x_px - machine_.camera[2]) / machine_.camera[0],
+                                                    (y_px - machine_.camera[3]) / machine_.camera[1], 1);
+    return X_CB;
+  }
+  /// Standing on the platter, its face towards the azimuth, leaning back; about the axis but for an offset.
+  Eigen::Isometry3d standing(double azimuth_rad, double lean_rad, double height_mm, Eigen::Vector2d offset_mm) const {
+    const Eigen::Vector3d out(std::cos(azimuth_rad), std::sin(azimuth_rad), 0);
+    const Eigen::Vector3d right = Eigen::Vector3d::UnitZ().cross(out);
+    const Eigen::Vector3d z = -(std::cos(lean_rad) * out + std::sin(lean_rad) * Eigen::Vector3d::UnitZ());
+    Eigen::Isometry3d X_WB = Eigen::Isometry3d::Identity();
+    X_WB.linear() << right, z.cross(right), z;
+    X_WB.translation() << offset_mm, height_mm;
+    return X_WB;
+  }
+
+ private:
+  double drawn(double sigma) const { return noise_.drawn ? sigma : 0.0; }
+
+  TrueMachine machine_;
+  TargetBoard board_;
+  std::mt19937_64 random_;
+  Noise noise_;
+};
+
+/// How much is seen.
+struct Programme {
+  int board_views = 25, laser_views = 40, placements = 3, angles = 24;
+  double angle_step_rad = 5 * kDegree, largest_lean_rad = 40 * kDegree, line_step_mm = 0.28;
+  bool platter = true;
+};
+
+/// What is seen of a machine; poses and noise from the seed.
+inline CalibrationInput seen_of(const TrueMachine& machine, std::uint64_t seed, const Programme& programme = {},
+                                const Noise& noise = {}) {
+  CalibrationInput input{.board = TargetBoard(11, 8, 8, false), .views = {}, .platter = {}};
+  input.width_px = machine.width_px;
+  input.height_px = machine.height_px;
+  Viewer viewer(machine, input.board, seed, noise);
+  const auto held = [&](bool with_lines) {
+    for (int attempt = 0; attempt < 10000; ++attempt) {
+      const double spread = with_lines ? 0.25 : 0.5;
+      const Eigen::Isometry3d X_CB =
+          viewer.pose((0.5 + viewer.uniform(-spread, spread)) * machine.width_px,
+                      (0.5 + viewer.uniform(-spread, spread)) * machine.height_px, viewer.uniform(250, 360),
+                      viewer.uniform(0, programme.largest_lean_rad));
+      if (!viewer.whole(X_CB)) continue;
+      BoardView view;
+      view.corners = viewer.corners(X_CB);
+      if (with_lines) view.lines = viewer.lines(X_CB, programme.line_step_mm);
+      input.views.push_back(std::move(view));
+      return;
+    }
+  };
+  for (int i = 0; i < programme.board_views; ++i) held(false);
+  for (int i = 0; i < programme.laser_views; ++i) held(true);
+  for (int placement = 0; placement < programme.placements; ++placement) {
+    const double middle = viewer.uniform(-1, 1);  // encoder angle at which the board faces the camera
+    const Eigen::Isometry3d X_WB =
+        viewer.standing(30 * kDegree - machine.direction * machine.encoder_scale * middle, viewer.uniform(0.1, 0.35),
+                        viewer.uniform(42, 60), {viewer.uniform(-20, 20), viewer.uniform(-20, 20)});
+    for (int k = 0; k < programme.angles; ++k) {
+      BoardView view;
+      view.placement = placement;
+      view.encoder_rad = middle + (k - 0.5 * (programme.angles - 1)) * programme.angle_step_rad;
+      view.corners = viewer.corners(machine.turned(view.encoder_rad) * X_WB);
+      input.views.push_back(std::move(view));
+    }
+  }
+  if (programme.platter) {
+    const Eigen::Vector3d up_W =
+        Eigen::Vector3d(-machine.platter_slope.x(), -machine.platter_slope.y(), 1).normalized();
+    for (const auto& sheet : machine.sheets) {
+      input.platter.push_back(
+          viewer.line(sheet, machine.X_CW.linear() * up_W, machine.X_CW.translation(), 55, programme.line_step_mm));
+    }
+  }
+  return input;
+}
+
+/// Solved minus true for every one of CalibrationSolution::names, in the charts that README.md gives them.
+inline Eigen::VectorXd errors_of(const CalibrationSolution& solution, const TrueMachine& machine) {
+  const Calibration& c = solution.calibration;
+  std::vector<double> out;
+  const CameraModel& m = c.camera_model;
+  std::vector<double> camera = {m.fx_px.value, m.fy_px.value, m.cx_px.value, m.cy_px.value};
+  for (const Measured& k : m.distortion) camera.push_back(k.value);
+  for (std::size_t i = 0; i < 9; ++i) out.push_back(camera[i] - machine.camera[i]);
+  out.insert(out.end(), {0, 0});  // of the pitch the calibration holds no value
+  const Eigen::Isometry3d X_WC = c.axis.X_CW.inverse(), true_in_solved = X_WC * machine.X_CW;
+  const Eigen::Vector3d direction = true_in_solved.linear().col(2), origin = true_in_solved.translation();
+  const Eigen::Vector3d crossing = origin - direction * (origin.z() / direction.z());
+  out.insert(out.end(), {-direction.x(), -direction.y(), -crossing.x(), -crossing.y()});
+  out.push_back(c.encoder_scale.value - machine.encoder_scale);
+  const Eigen::Vector3d up = c.axis.X_CW.linear().col(2), at = c.axis.X_CW.translation();
+  for (const LaserPlane& plane : c.lasers) {
+    for (const auto& sheet : machine.sheets) {
+      if (sheet.laser != plane.laser) continue;
+      Eigen::Vector3d n = machine.normal_C(sheet);
+      double d = machine.distance_C(sheet);
+      if (n.dot(plane.normal_C) < 0) {
+        n = -n;
+        d = -d;
+      }
+      const Eigen::Vector3d& solved = plane.normal_C;
+      const Eigen::Vector3d in_plane = (up - solved * solved.dot(up)).normalized();
+      const Eigen::Vector3d anchor = at + solved * (plane.distance_mm - solved.dot(at));
+      out.insert(out.end(), {-in_plane.dot(n), -solved.cross(in_plane).dot(n), -(d - n.dot(anchor))});
+    }
+  }
+  // The platter's height on the axis, from the solved origin; the calibration holds no slope.
+  if (out.size() < solution.names.size()) out.insert(out.end(), {-true_in_solved.translation().z(), 0, 0});
+  return Eigen::Map<Eigen::VectorXd>(out.data(), static_cast<Eigen::Index>(out.size()));
+}
+
+}  // namespace celadon::test
