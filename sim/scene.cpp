@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "sim/mesh_body.h"
+#include "sim/no_body.h"
 #include "sim/shapes.h"
 #include "sim/turned_body.h"
 
@@ -34,8 +35,9 @@ std::shared_ptr<const Body> stepped_shaft() {
 }  // namespace
 
 const std::vector<std::string>& Scene::names() {
-  static const std::vector<std::string> kNames{"vase", "vase-squeezed", "humidifier",    "cylinder",    "cylinder-off",
-                                               "knob", "sphere",        "stepped-shaft", "lobed-shaft", "taper"};
+  static const std::vector<std::string> kNames{"vase",         "vase-squeezed", "humidifier", "cylinder",
+                                               "cylinder-off", "knob",          "sphere",     "stepped-shaft",
+                                               "lobed-shaft",  "taper",         "empty"};
   return kNames;
 }
 
@@ -52,6 +54,7 @@ tl::expected<Scene, std::string> Scene::make(const std::string& name, const Prin
   if (name == "taper") {
     return Scene(name, std::make_shared<TurnedBody>(std::vector<TurnedPoint>{{0, 30}, {100, 20}}), {});
   }
+  if (name == "empty") return Scene(name, std::make_shared<NoBody>(kPlatterRadius), {});
   if (name.starts_with(kMesh)) {
     auto body = MeshBody::read(name.substr(kMesh.size()));
     if (!body) return tl::unexpected(body.error());

@@ -18,6 +18,7 @@ void add_fit_command(CLI::App& program, Run& run);
 void add_merge_command(CLI::App& program, Run& run);
 void add_line_command(CLI::App& program, Run& run);
 void add_evaluate_command(CLI::App& program, Run& run);
+void add_calibrate_command(CLI::App& program, Run& run);
 void add_cameras_command(CLI::App& program, Run& run);
 void add_device_command(CLI::App& program, Run& run);
 

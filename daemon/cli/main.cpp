@@ -38,6 +38,7 @@ int main(int argc, char** argv) {
   add_merge_command(program, run);
   add_line_command(program, run);
   add_evaluate_command(program, run);
+  add_calibrate_command(program, run);
   add_cameras_command(program, run);
   add_device_command(program, run);
   try {

@@ -1,0 +1,310 @@
+#include "daemon/calibration/calibration_session.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <span>
+#include <vector>
+
+#include "acquisition/calibrate/board_lines.h"
+#include "acquisition/calibrate/view_planner.h"
+#include "daemon/frame_feed.h"
+#include "daemon/safe_on_exit.h"
+#include "daemon/scan_preparation.h"
+
+namespace celadon {
+namespace {
+
+constexpr double kStill_px = 0.3;                          // between two looks, of the corners in the middle
+constexpr std::int64_t kExposureSettles_ns = 200'000'000;  // cameras take a new exposure some frames later
+constexpr std::int64_t kAskAgain_ns = 100'000'000;
+constexpr int kFewestAngles = 4;  // of a placement at which the board has to be seen
+
+using Stop = tl::unexpected<ScanStop>;
+
+/// What is known before anything is calibrated: nothing, but that no frame was exposed earlier than two periods and an
+/// exposure before its stamp.
+Calibration nothing_known(const ScannerConnection& machine) {
+  const CameraMode& mode = machine.camera->mode();
+  Calibration c;
+  c.machine = machine.device->identity().machine;
+  c.camera = mode.identity;
+  c.camera_model.width_px = mode.width_px;
+  c.camera_model.height_px = mode.height_px;
+  c.camera_model.fx_px.value = c.camera_model.fy_px.value = mode.width_px;
+  c.camera_model.cx_px.value = 0.5 * (mode.width_px - 1);
+  c.camera_model.cy_px.value = 0.5 * (mode.height_px - 1);
+  for (int laser = 0; laser < machine.device->capabilities().lasers; ++laser) {
+    c.lasers.push_back({.laser = laser, .normal_C = Eigen::Vector3d::UnitX(), .distance_mm = 1});
+  }
+  c.time.stamp_offset_ns.value = -2. * static_cast<double>(mode.frame_period_ns);
+  c.time.exposure_factor.value = -0.5;
+  return c;
+}
+
+/// A frame's bytes, and its grey levels without padding.
+struct Picture {
+  std::vector<std::uint8_t> bytes, grey;
+};
+
+Picture picture_of(const CameraMode& mode, const Frame& frame) {
+  Picture picture;
+  picture.bytes.assign(frame.bytes().begin(), frame.bytes().end());
+  const auto width = static_cast<std::size_t>(mode.width_px), step = bytes_per_pixel(mode.format);
+  for (std::size_t y = 0; y < static_cast<std::size_t>(mode.height_px); ++y) {
+    const std::uint8_t* const row = picture.bytes.data() + y * mode.stride_bytes;
+    for (std::size_t x = 0; x < width; ++x) picture.grey.push_back(row[x * step]);
+  }
+  return picture;
+}
+
+std::vector<std::uint8_t> over_the_diagonal(const std::vector<std::uint8_t>& grey, std::size_t width) {
+  std::vector<std::uint8_t> turned(grey.size());
+  const std::size_t height = grey.size() / width;
+  for (std::size_t y = 0; y < height; ++y) {
+    for (std::size_t x = 0; x < width; ++x) turned[x * height + y] = grey[y * width + x];
+  }
+  return turned;
+}
+
+/// Median distance of corners that both looks have; infinite without any.
+double moved_px(std::span<const SeenCorner> before, std::span<const SeenCorner> now) {
+  std::map<int, Eigen::Vector2d> was;
+  for (const SeenCorner& c : before) was[c.id] = c.p_px;
+  std::vector<double> moved;
+  for (const SeenCorner& c : now) {
+    if (const auto at = was.find(c.id); at != was.end()) moved.push_back((c.p_px - at->second).norm());
+  }
+  if (moved.empty()) return std::numeric_limits<double>::infinity();
+  const auto middle = moved.begin() + static_cast<std::ptrdiff_t>(moved.size() / 2);
+  std::nth_element(moved.begin(), middle, moved.end());
+  return *middle;
+}
+
+class Session final : public ScanObserver {
+ public:
+  Session(ScannerConnection& machine, const CalibrationPlan& plan, CalibrationGuide& guide)
+      : plan_(plan),
+        guide_(guide),
+        device_(*machine.device),
+        nothing_known_(nothing_known(machine)),
+        equipment_{machine.device.get(), *machine.camera, *machine.clock, nothing_known_, nullptr, {}},
+        triangulator_(nothing_known_, 0, equipment_.volume),
+        finder_(plan.board),
+        rows_(static_cast<std::size_t>(mode().height_px)) {}
+
+  tl::expected<CalibrationInput, ScanStop> run() {
+    SafeOnExit safe(&device_, *this);
+    ScanTask task;
+    task.request.exposure_ms = plan_.exposure_ms;
+    if (auto ready = make_device_ready(equipment_, task, *this); !ready) return Stop(ready.error());
+    auto feed = FrameFeed::start(equipment_, *this, triangulator_, 0);
+    if (!feed) return Stop(feed.error());
+    feed_ = std::move(*feed);
+    CalibrationInput input{plan_.board, mode().width_px, mode().height_px, {}, {}, plan_.pitch_x, plan_.pitch_y};
+    auto taken = take_held_views(input);
+    for (int placement = 0; taken && placement < plan_.placements; ++placement) {
+      taken = take_placement(placement, input);
+    }
+    if (taken) taken = take_platter(input);
+    feed_.reset();
+    if (!taken) return Stop(taken.error());
+    if (const auto unsafe = safe.now()) return Stop(ScanStop{ScanState::failed, *unsafe, true, false});
+    return input;
+  }
+
+  void on_state(ScanState) override {}
+  void on_progress(const ScanProgress&) override {}
+  void on_status(const DeviceStatus&) override {}
+  std::optional<std::string> cancelled() override { return guide_.cancelled(); }
+
+ private:
+  const CameraMode& mode() const { return equipment_.camera.mode(); }
+  GreyView view(const Picture& picture) const { return {mode().width_px, mode().height_px, picture.grey}; }
+
+  tl::expected<Picture, ScanStop> look(std::int64_t after_ns) {
+    auto frame = feed_->next_after(after_ns);
+    if (!frame) return Stop(frame.error());
+    return picture_of(mode(), *frame);
+  }
+
+  tl::expected<std::vector<SeenCorner>, std::string> find(const Picture& picture) {
+    return finder_.find(picture.grey, mode().width_px, mode().height_px);
+  }
+
+  /// The picture with one laser on.
+  tl::expected<Picture, ScanStop> look_lit(int laser) {
+    feed_->use_laser(laser);
+    if (auto on = feed_->laser_on(); !on) return Stop(on.error());
+    auto lit = look(feed_->shining_since_ns());
+    if (auto off = feed_->laser_off(); !off) return Stop(off.error());
+    return lit;
+  }
+
+  /// The view of a board that was found in `dark`, with every laser's line on it.
+  tl::expected<BoardView, ScanStop> lit_view(const std::vector<SeenCorner>& corners, const Picture& dark) {
+    BoardView seen;
+    seen.corners = corners;
+    for (int laser = 0; laser < device_.capabilities().lasers; ++laser) {
+      auto lit = look_lit(laser);
+      if (!lit) return Stop(lit.error());
+      extractor_.extract(mode(), lit->bytes, dark.bytes, rows_);
+      auto points = line_points_on_board(plan_.board, corners, view(dark), rows_);
+      if (!points.empty()) seen.lines.push_back({laser, std::move(points)});
+    }
+    return seen;
+  }
+
+  tl::expected<void, ScanStop> take_held_views(CalibrationInput& input) {
+    if (plan_.held_views == 0) return {};
+    ViewPlanner planner(plan_.board, mode().width_px, mode().height_px, plan_.held_views);
+    if (auto done = ask("Hold the board in front of the camera, still for a second in each place."); !done) return done;
+    std::vector<SeenCorner> before;
+    std::int64_t after_ns = equipment_.clock.now_ns();
+    while (!planner.complete()) {
+      auto dark = look(after_ns);
+      if (!dark) return Stop(dark.error());
+      BoardLook told;
+      auto found = find(*dark);
+      told.found = found.has_value();
+      if (!found) told.problem = found.error();
+      if (found) {
+        told.still = moved_px(before, *found) < kStill_px;
+        told.known = !planner.is_new(*found);
+        before = *found;
+        if (told.still && !told.known) {
+          auto seen = lit_view(*found, *dark);
+          if (!seen) return Stop(seen.error());
+          auto afterwards = look(equipment_.clock.now_ns());
+          if (!afterwards) return Stop(afterwards.error());
+          const auto there = find(*afterwards);
+          told.still = there && moved_px(*found, *there) < kStill_px;
+          if (told.still) {
+            planner.add(*found);
+            input.views.push_back(std::move(*seen));
+          }
+        }
+      }
+      told.views = planner.views();
+      told.wanted = planner.wanted();
+      told.advice = planner.advice();
+      guide_.on_look(told);
+      after_ns = 0;
+    }
+    return {};
+  }
+
+  tl::expected<void, ScanStop> take_placement(int placement, CalibrationInput& input) {
+    std::string instruction = "Stand the board on the platter, facing the camera, and let go of it (placement " +
+                              std::to_string(placement + 1) + " of " + std::to_string(plan_.placements) + ").";
+    const double step_rad = 2 * std::numbers::pi / plan_.angles;
+    while (true) {
+      if (auto done = ask(instruction); !done) return done;
+      std::vector<BoardView> views;
+      const double start_rad = feed_->status().angle_rad;
+      for (int k = 0; k < plan_.angles; ++k) {
+        // One step before the first look: each angle is approached from the same side.
+        auto settled = device_.rotate_to(start_rad + (k + 1) * step_rad, device_.capabilities().max_speed_rad_per_s);
+        if (!settled) return Stop(stop_of(settled.error()));
+        auto dark = look(settled->host_after_ns);
+        if (!dark) return Stop(dark.error());
+        const auto found = find(*dark);
+        guide_.on_turn(placement, k + 1, plan_.angles, found.has_value());
+        if (!found) continue;
+        auto seen = lit_view(*found, *dark);
+        if (!seen) return Stop(seen.error());
+        seen->placement = placement;
+        seen->encoder_rad = settled->angle_rad;
+        views.push_back(std::move(*seen));
+      }
+      if (static_cast<int>(views.size()) >= kFewestAngles) {
+        input.views.insert(input.views.end(), views.begin(), views.end());
+        return {};
+      }
+      instruction = "The board was seen at " + std::to_string(views.size()) + " of " + std::to_string(plan_.angles) +
+                    " angles of the table; stand it upright over the middle of the platter, facing the camera.";
+    }
+  }
+
+  tl::expected<void, ScanStop> take_platter(CalibrationInput& input) {
+    std::string instruction = "Take everything off the platter.";
+    while (true) {
+      if (auto done = ask(instruction); !done) return done;
+      // Platters are dark, and seen from the side.
+      for (const double longer : {1., 4., 16.}) {
+        if (auto seen = look_at_platter(longer, input.platter); !seen) return seen;
+        if (!input.platter.empty()) return {};
+      }
+      instruction = "No laser line is seen on the platter: take everything off it, and check the lasers.";
+    }
+  }
+
+  tl::expected<void, ScanStop> look_at_platter(double longer, std::vector<SeenLine>& lines) {
+    const std::int64_t usual_ns = mode().exposure_ns;
+    const auto longer_ns = static_cast<std::int64_t>(longer * static_cast<double>(usual_ns));
+    if (longer_ns > usual_ns && longer_ns < mode().frame_period_ns) {
+      if (auto set = equipment_.camera.set_exposure(longer_ns); !set) return Stop(stop_of(set.error()));
+    } else if (longer > 1) {
+      return {};
+    }
+    auto seen = lines_on_platter(lines);
+    if (longer > 1) {
+      if (auto back = equipment_.camera.set_exposure(usual_ns); !back) return Stop(stop_of(back.error()));
+    }
+    return seen;
+  }
+
+  tl::expected<void, ScanStop> lines_on_platter(std::vector<SeenLine>& lines) {
+    auto dark = look(equipment_.clock.now_ns() + kExposureSettles_ns);
+    if (!dark) return Stop(dark.error());
+    const auto width = static_cast<std::size_t>(mode().width_px), height = static_cast<std::size_t>(mode().height_px);
+    CameraMode turned;
+    turned.width_px = mode().height_px;
+    turned.height_px = mode().width_px;
+    turned.stride_bytes = height;
+    std::vector<LineRow> columns(width);
+    for (int laser = 0; laser < device_.capabilities().lasers; ++laser) {
+      auto lit = look_lit(laser);
+      if (!lit) return Stop(lit.error());
+      extractor_.extract(mode(), lit->bytes, dark->bytes, rows_);
+      extractor_.extract(turned, over_the_diagonal(lit->grey, width), over_the_diagonal(dark->grey, width), columns);
+      auto points = straight_line(rows_, columns);
+      if (!points.empty()) lines.push_back({laser, std::move(points)});
+    }
+    return {};
+  }
+
+  /// Waits for the operator. The machine is polled meanwhile: its controller stops whatever no host looks at.
+  tl::expected<void, ScanStop> ask(const std::string& instruction) {
+    guide_.ask(instruction);
+    while (!guide_.done()) {
+      if (const auto whom = guide_.cancelled()) return Stop(cancelled_by(*whom));
+      auto status = device_.poll();
+      if (!status) return Stop(stop_of(status.error()));
+      if (device_.take_button_presses() > 0) break;
+      equipment_.clock.sleep_until(equipment_.clock.now_ns() + kAskAgain_ns);
+    }
+    return feed_->poll();
+  }
+
+  const CalibrationPlan& plan_;
+  CalibrationGuide& guide_;
+  ScannerDevice& device_;
+  const Calibration nothing_known_;
+  const ScanEquipment equipment_;
+  const Triangulator triangulator_;
+  BoardFinder finder_;
+  LaserLineExtractor extractor_;
+  std::vector<LineRow> rows_;
+  std::unique_ptr<FrameFeed> feed_;
+};
+
+}  // namespace
+
+tl::expected<CalibrationInput, ScanStop> take_calibration_views(ScannerConnection& machine, const CalibrationPlan& plan,
+                                                                CalibrationGuide& guide) {
+  return Session(machine, plan, guide).run();
+}
+
+}  // namespace celadon
