@@ -1,6 +1,7 @@
 #include "sim/board_body.h"
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <limits>

@@ -230,7 +230,7 @@ int run(int argc, char** argv) {
   std::string scene_name;
   auto* scene =
       app.add_subcommand("scene", "put another object or board on the running scanner's table, or hold it up");
-  scene->add_option("scene", scene_name, "as --scene; without: what is there")->expected(0, 1);
+  scene->add_option("scene", scene_name, "as --scene; without: what is there");
   auto* state = app.add_subcommand("state", "how the running scanner really is");
   std::string calibration_file;
   double truth_angle = 0, truth_z = 0;

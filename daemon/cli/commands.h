@@ -21,6 +21,7 @@ void add_evaluate_command(CLI::App& program, Run& run);
 void add_calibrate_command(CLI::App& program, Run& run);
 void add_cameras_command(CLI::App& program, Run& run);
 void add_device_command(CLI::App& program, Run& run);
+void add_board_command(CLI::App& program, Run& run);
 
 /// Prints "celadon: MESSAGE" on standard error and returns the code.
 int fail(int exit_code, const std::string& message);

@@ -2,10 +2,12 @@
 // Pictures of boards by the virtual scanner, whose print, projection and truth are its own.
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
