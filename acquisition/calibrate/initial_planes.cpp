@@ -50,7 +50,7 @@ double median_distance(const std::vector<PointOnBoard>& points, const Vector3d& 
 /// The plane that the middle point is nearest to, among those through three random points of two views and more; then
 /// least squares with reweighting.
 std::optional<PlaneEstimate> plane_through(const std::vector<PointOnBoard>& points) {
-  constexpr int kTrials = 300, kReweightings = 20;
+  constexpr int kTrials = 300, kRefinements = 20;
   std::set<int> views;
   for (const PointOnBoard& point : points) views.insert(point.view);
   if (views.size() < 2) return std::nullopt;
@@ -71,7 +71,7 @@ std::optional<PlaneEstimate> plane_through(const std::vector<PointOnBoard>& poin
     }
   }
   if (!std::isfinite(smallest)) return std::nullopt;
-  for (int k = 0; k < kReweightings; ++k) {
+  for (int k = 0; k < kRefinements; ++k) {
     const double unit = std::max(1e-6, 3 * median_distance(points, best.normal_C, best.distance_mm));
     double sum = 0;
     Vector3d middle = Vector3d::Zero();

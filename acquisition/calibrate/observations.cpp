@@ -112,8 +112,8 @@ void update_residuals(const Estimate& estimate, Observations& observations) {
       if (line.plane < 0) continue;
       const PlaneEstimate& plane = estimate.planes[static_cast<std::size_t>(line.plane)];
       for (PointObservation& point : line.points) {
-        const LineDistance at = line_distance(camera, point.p_px, m_C, m_C.dot(X_CB.translation()), plane.normal_C,
-                                              plane.distance_mm);
+        const LineDistance at =
+            line_distance(camera, point.p_px, m_C, m_C.dot(X_CB.translation()), plane.normal_C, plane.distance_mm);
         point.distance_mm = at.height_mm;
         point.residual = at.exists && at.definite ? at.distance_px / point.sigma_px : kImpossible;
       }

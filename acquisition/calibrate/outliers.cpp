@@ -14,7 +14,7 @@ constexpr double kLargestShareOff = 0.3;
 /// A group whose root mean square residual is beyond this is off as a whole: 140 coordinates of sound corners have
 /// 1 +- 0.06.
 constexpr double kGroupLimit = 2.5;
-constexpr std::size_t kFewestCorners = 8, kFewestPoints = 5;
+constexpr std::size_t kFewestLeft = 8, kFewestPointsLeft = 5;
 
 double median(std::vector<double>& values) {
   if (values.empty()) return 0;
@@ -87,7 +87,7 @@ class WeightSetter {
       }
     }
     const std::size_t total = view.corners.size(), left = total - count_off;
-    use(view.used, left >= kFewestCorners &&
+    use(view.used, left >= kFewestLeft &&
                        static_cast<double>(count_off) <= kLargestShareOff * static_cast<double>(total) &&
                        std::sqrt(squares / static_cast<double>(left)) <= kGroupLimit * corner_unit_);
   }
@@ -103,7 +103,7 @@ class WeightSetter {
       }
     }
     const std::size_t total = line.points.size(), left = total - count_off;
-    use(line.used, left >= kFewestPoints &&
+    use(line.used, left >= kFewestPointsLeft &&
                        static_cast<double>(count_off) <= kLargestShareOff * static_cast<double>(total) &&
                        std::sqrt(squares / static_cast<double>(left)) <= kGroupLimit * unit);
   }

@@ -221,8 +221,7 @@ class PlatterTerm final : public ceres::CostFunction {
     const Eigen::Index count = num_residuals();
     for (std::size_t i = 0; i < points_.size(); ++i) {
       const auto& [p_px, per_sigma] = points_[i];
-      const LineDistance at =
-          line_distance(blocks[0], p_px, normal.d, distance, up, up.dot(point_C) + blocks[3][0]);
+      const LineDistance at = line_distance(blocks[0], p_px, normal.d, distance, up, up.dot(point_C) + blocks[3][0]);
       if (!at.exists) return false;
       residuals[i] = per_sigma * at.distance_px;
       if (jacobians == nullptr) continue;

@@ -17,7 +17,8 @@ struct Term {
   std::vector<double*> blocks;
 };
 
-/// All residuals of positive weight about an estimate, in standard deviations, in the charts of `parameters`. The priors of the pitch and of the platter's slope are among them.
+/// All residuals of positive weight about an estimate, in standard deviations, in the charts of `parameters`. The
+/// priors of the pitch and of the platter's slope are among them.
 /// @pre parameters were made of `estimate`, and outlive the terms, as do the observations
 std::vector<Term> terms_of(const Observations& observations, const Estimate& estimate, Parameters& parameters);
 

@@ -277,7 +277,8 @@ CalibrationStep judge_platter(const Estimate& estimate, const Observations& obse
   }
   judge.at_least("points on the bare platter:", used, "", 50, 10, show);
   judge.at_most("of them beside it:", 100.0 * off / (used + off), " %", 10, 50, show);
-  judge.at_most("u(z = 0)", uncertainty.of(uncertainty.layout().platter, Uncertainty::Scale::known), " mm", 0.1, 0.5, show);
+  judge.at_most("u(z = 0)", uncertainty.of(uncertainty.layout().platter, Uncertainty::Scale::known), " mm", 0.1, 0.5,
+                show);
   const int slopes = uncertainty.layout().platter + 1;
   const double slope = estimate.platter->slope.norm(), u = uncertainty.worst_of_two(slopes);
   // A slope counts as seen beyond three standard deviations.

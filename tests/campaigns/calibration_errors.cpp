@@ -31,11 +31,13 @@ int main(int argc, char** argv) {
   }
   std::printf("%d seeds from %d on, %d of verdict good, about %d degrees of freedom each, %.2f s a solve\n\n", seeds,
               first, good, points, std::chrono::duration<double>(spent).count() / seeds);
-  std::printf("| block | rms error | stated | normalised rms | chi-square | 1e-3 quantiles | |\n|---|---|---|---|---|---|---|\n");
+  std::printf(
+      "| block | rms error | stated | normalised rms | chi-square | 1e-3 quantiles | "
+      "|\n|---|---|---|---|---|---|---|\n");
   bool all = true;
   for (const test::ErrorBlock& block : errors.blocks()) {
-    const bool holds = block.chi_square > block.lowest() && block.chi_square < block.highest() &&
-                       block.ratio() < 1.3 && block.ratio() > 1 / 1.3;
+    const bool holds = block.chi_square > block.lowest() && block.chi_square < block.highest() && block.ratio() < 1.3 &&
+                       block.ratio() > 1 / 1.3;
     all = all && holds;
     std::printf("| %s | %.3g %s | %.3g %s | %.3f | %.1f | %.1f ... %.1f | %s |\n", block.name.c_str(), block.rms(),
                 block.unit.c_str(), block.predicted(), block.unit.c_str(), block.ratio(), block.chi_square,
@@ -43,7 +45,8 @@ int main(int argc, char** argv) {
   }
   std::printf("\nresiduals: chi-square / degrees of freedom %.5f; held-out views %.4f px rms\n",
               errors.residual_chi_square() / errors.residual_dof(), errors.held_out_rms());
-  std::printf("radius of cylinders of 15 and 30 mm: rms error %.4f mm, stated at most %.4f mm, largest error %.2f stated\n",
-              errors.radius_rms(), errors.systematic_rms(), errors.largest_radius_share());
+  std::printf(
+      "radius of cylinders of 15 and 30 mm: rms error %.4f mm, stated at most %.4f mm, largest error %.2f stated\n",
+      errors.radius_rms(), errors.systematic_rms(), errors.largest_radius_share());
   return all ? 0 : 1;
 }

@@ -85,8 +85,9 @@ TEST(CalibrationSolver, FrameIsTheOneThatScansUse) {
     for (double r : radii) EXPECT_NEAR(r, 25, 1e-4);  // pixels are floats
   }
   const Eigen::Isometry3d& X_CW = solution->calibration.axis.X_CW;
-  EXPECT_NEAR(X_CW.linear().col(0).dot(solution->calibration.lasers[0].normal_C.cross(X_CW.linear().col(2)).normalized()),
-              solution->calibration.lasers[0].normal_C.dot(X_CW.linear().col(1)) > 0 ? 1 : -1, 1e-9);
+  EXPECT_NEAR(
+      X_CW.linear().col(0).dot(solution->calibration.lasers[0].normal_C.cross(X_CW.linear().col(2)).normalized()),
+      solution->calibration.lasers[0].normal_C.dot(X_CW.linear().col(1)) > 0 ? 1 : -1, 1e-9);
   EXPECT_GT(X_CW.inverse().translation().x(), 100);
   EXPECT_LT((X_CW.translation() - machine.X_CW.translation()).norm(), 1e-6);
 }
@@ -175,8 +176,8 @@ TEST(CalibrationSolver, PrintThatNobodyMeasuredIsUsableAtMost) {
 }
 
 TEST(CalibrationSolver, BoardsThatAllFaceTheCameraAreRefused) {
-  const auto solution = solve_calibration(
-      seen_of(TrueMachine(), 10, {.placements = 1, .angles = 3, .angle_step_rad = 1.5 * kDegree, .largest_lean_rad = 0}));
+  const auto solution = solve_calibration(seen_of(
+      TrueMachine(), 10, {.placements = 1, .angles = 3, .angle_step_rad = 1.5 * kDegree, .largest_lean_rad = 0}));
   if (!solution) {
     EXPECT_NE(solution.error().find("tilt"), std::string::npos) << solution.error();
     return;
@@ -274,8 +275,11 @@ TEST(CalibrationSolver, OfRandomMachinesIsWhatItSays) {
     std::mt19937_64 random(seed);
     const auto uniform = [&](double lo, double hi) { return std::uniform_real_distribution<double>(lo, hi)(random); };
     TrueMachine machine;
-    machine.camera = {uniform(1700, 2500), 0, uniform(600, 680), uniform(470, 550), uniform(-0.25, 0.1),
-                      uniform(-0.05, 0.1), uniform(-1e-3, 1e-3), uniform(-1e-3, 1e-3), uniform(-0.05, 0.05)};
+    machine.camera = {uniform(1700, 2500),  0,
+                      uniform(600, 680),    uniform(470, 550),
+                      uniform(-0.25, 0.1),  uniform(-0.05, 0.1),
+                      uniform(-1e-3, 1e-3), uniform(-1e-3, 1e-3),
+                      uniform(-0.05, 0.05)};
     machine.camera[1] = machine.camera[0] * uniform(0.99, 1.01);
     machine.encoder_scale = uniform(0.99, 1.01);
     machine.direction = uniform(-1, 1) < 0 ? -1 : 1;

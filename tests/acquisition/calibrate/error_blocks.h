@@ -49,8 +49,7 @@ inline std::vector<double> scanned_radii(const Calibration& calibration, const T
   const double azimuth = std::atan2(-sheet.normal_W.x(), sheet.normal_W.y());
   const double horizontal = sheet.normal_W.head<2>().norm();
   const auto pixel = [&](double z) {
-    const double angle =
-        azimuth + std::asin((sheet.distance_mm - sheet.normal_W.z() * z) / (radius_mm * horizontal));
+    const double angle = azimuth + std::asin((sheet.distance_mm - sheet.normal_W.z() * z) / (radius_mm * horizontal));
     return machine.project(machine.X_CW * Eigen::Vector3d(radius_mm * std::cos(angle), radius_mm * std::sin(angle), z));
   };
   std::vector<LineRow> rows(static_cast<std::size_t>(machine.height_px));
@@ -112,12 +111,13 @@ class ErrorBlocks {
       for (int k = 0; k < 2; ++k) {
         const double z = 100 * k;
         const Eigen::Vector3d p = at + z * up;
-        apart[k] = n.dot(p) - plane.distance_mm -
-                   sign * (sheet.normal_W.dot(Eigen::Vector3d(0, 0, z)) - sheet.distance_mm);
+        apart[k] =
+            n.dot(p) - plane.distance_mm - sign * (sheet.normal_W.dot(Eigen::Vector3d(0, 0, z)) - sheet.distance_mm);
         const Eigen::Vector2d horizontal(n.dot(X_CW.linear().col(0)), n.dot(X_CW.linear().col(1)));
         by.row(k).segment<2>(index("axis.tilt_x_rad")) = z * horizontal.transpose();
         by.row(k).segment<2>(index("axis.x_mm")) = horizontal.transpose();
-        by.row(k).segment<3>(index("laser" + std::to_string(plane.laser) + ".tilt_up_rad")) << (p - anchor).dot(in_plane),
+        by.row(k).segment<3>(index("laser" + std::to_string(plane.laser) + ".tilt_up_rad"))
+            << (p - anchor).dot(in_plane),
             (p - anchor).dot(across), -1;
       }
       of("axis from laser " + std::to_string(plane.laser), "mm").add(apart, by * C * by.transpose());
