@@ -2,7 +2,9 @@
 // scan's errors are told by the simulator's truth, which the calibration never sees.
 #include <gtest/gtest.h>
 
+#include <csignal>
 #include <cstdio>
+#include <filesystem>
 #include <functional>
 #include <string>
 #include <vector>
@@ -129,6 +131,37 @@ TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
   std::printf("%s\n", report["truth_mm"].dump().c_str());
   EXPECT_EQ(report["solid"]["valid"], true);
   EXPECT_LT(report["truth_mm"]["rms"].get<double>(), 3 * calibration.systematic_mm);
+}
+
+TEST(CalibrateCommand, WrongInputIsNamedBeforeAnythingMoves) {
+  const Station station("empty");
+  const std::string taken = station.folder.write("taken.toml", "");
+  const auto told = [&](const std::vector<std::string>& more, const std::string& output) {
+    std::vector<std::string> words = {"celadon",  "calibrate",    "--device", station.url,
+                                      "--camera", station.camera, "-o",       output};
+    words.insert(words.end(), more.begin(), more.end());
+    const auto outcome = run(words);
+    EXPECT_EQ(outcome.exit_code, 2) << outcome.out << outcome.err;
+    return outcome.err;
+  };
+  const std::string output = station.folder / "out.toml";
+  EXPECT_NE(told({}, taken).find("taken.toml exists"), std::string::npos);
+  EXPECT_NE(told({"--board", "circles:3x4x5"}, output).find("--board circles:3x4x5"), std::string::npos);
+  EXPECT_NE(told({"--board", "tags:10x7x8", "--width", "120"}, output).find("should be 80 x 56 mm"), std::string::npos);
+  EXPECT_NE(told({"--views", "2"}, output).find("--views"), std::string::npos);
+  EXPECT_EQ(station.state()["motion"], "unhomed") << "nothing moved";
+}
+
+TEST(CalibrateCommand, InterruptedItLeavesTheMachineSafeAndNoFile) {
+  const Station station("empty");
+  Program program(
+      {"celadon", "calibrate", "--device", station.url, "--camera", station.camera, "-o", station.folder / "out.toml"});
+  ASSERT_TRUE(program.wait_for_output("> Hold the board")) << program.wait().err;
+  program.signal(SIGINT);
+  const auto outcome = program.wait();
+  EXPECT_EQ(outcome.exit_code, 130) << outcome.err;
+  EXPECT_FALSE(std::filesystem::exists(station.folder / "out.toml"));
+  expect_safe(station);
 }
 
 }  // namespace
