@@ -35,9 +35,8 @@ std::shared_ptr<const Body> stepped_shaft() {
 }  // namespace
 
 const std::vector<std::string>& Scene::names() {
-  static const std::vector<std::string> kNames{"vase",         "vase-squeezed", "humidifier", "cylinder",
-                                               "cylinder-off", "knob",          "sphere",     "stepped-shaft",
-                                               "lobed-shaft",  "taper",         "empty"};
+  static const std::vector<std::string> kNames{"vase", "vase-squeezed", "humidifier",    "cylinder",    "cylinder-off",
+                                               "knob", "sphere",        "stepped-shaft", "lobed-shaft", "taper"};
   return kNames;
 }
 
@@ -68,7 +67,7 @@ tl::expected<Scene, std::string> Scene::make(const std::string& name, const Prin
   std::string known;
   for (const std::string& n : names()) known += n + ", ";
   return tl::unexpected("scene \"" + name + "\" is unknown; choose one of " + known +
-                        "mesh:FILE, board:chessboard, board:tags");
+                        "empty, mesh:FILE, board:chessboard, board:tags");
 }
 
 Scene::Scene(std::string name, std::shared_ptr<const Body> body, const ObjectPose& pose)

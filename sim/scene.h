@@ -58,7 +58,7 @@ class Scene {
   /// with or without a pose (BoardBody::make) and with these errors of its print. The error names them all, or says
   /// what is wrong.
   static tl::expected<Scene, std::string> make(const std::string& name, const PrintErrors& print = {});
-  static const std::vector<std::string>& names();
+  static const std::vector<std::string>& names();  ///< objects; "empty", the bare platter, besides
 
   Scene(std::string name, std::shared_ptr<const Body> body, const ObjectPose& pose);
   /// @pre squeeze_y > 0
