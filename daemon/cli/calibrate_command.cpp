@@ -26,7 +26,7 @@ namespace {
 constexpr int kNo = 1, kInput = 2, kDevice = 3, kSystem = 4, kInterrupted = 130;
 
 struct Arguments {
-  std::string config_file, device, camera, board = "tags:11x8x8", output;
+  std::string config_file, device, camera, board = "tags:10x7x12", output;
   int views = 25, placements = 3, angles = 36;
   double exposure_ms = 0, width_mm = 0, height_mm = 0, measured_u_mm = 0.1;
 };
