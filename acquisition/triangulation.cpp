@@ -13,7 +13,7 @@ namespace {
 /// Positions are stored as floats: below this a standard deviation is a statement about rounding.
 constexpr double kSmallestSigmaPx = 1e-4;
 /// A line breaks where it steps by more than this beyond what its slope explains.
-constexpr float kJumpPx = 4;
+constexpr float kEdgeJump_px = 4;
 /// The angle is asked for at instants this far apart and taken as linear between: at 10 rad/s^2 that is 3e-7 rad.
 constexpr double kAngleStepNs = 500'000;
 /// Rows without a line that a run passes over: single speckle grains, not edges.
@@ -44,7 +44,7 @@ std::vector<bool> edge_rows(std::span<const LineRow> rows, int width_px) {
       // The gentler neighbour: the steeper one may be a break itself.
       const bool use_left = has_left && (!has_right || std::abs(left) < std::abs(right));
       const float expected = (use_left ? left : right) * apart(k);
-      breaks = std::abs(step(k) - expected) > kJumpPx + std::abs(expected);
+      breaks = std::abs(step(k) - expected) > kEdgeJump_px + std::abs(expected);
     }
     if (breaks) edge[on[k]] = edge[on[k + 1]] = true;
   }

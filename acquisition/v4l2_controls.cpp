@@ -119,10 +119,11 @@ tl::expected<void, CameraError> V4l2Controls::apply(std::span<const ControlSetti
       if (auto off = set(control, 0); !off) return off;
     }
   }
-  for (const auto& [key, value] : settings) {
+  for (const ControlSetting& setting : settings) {
+    const std::string& key = setting.first;
     const auto control = std::find_if(controls.begin(), controls.end(), [&](const auto& c) { return c.key() == key; });
     if (control != controls.end()) {
-      if (auto done = set(*control, value); !done) return done;
+      if (auto done = set(*control, setting.second); !done) return done;
       continue;
     }
     std::string known;

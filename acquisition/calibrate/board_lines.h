@@ -1,20 +1,14 @@
 #pragma once
 // Points of a laser's line for a calibration: on the plain parts of a board, and on the bare platter.
 
-#include <cstdint>
 #include <span>
 #include <vector>
 
+#include "acquisition/calibrate/board_picture.h"
 #include "acquisition/calibrate/calibration_views.h"
 #include "acquisition/laser_line.h"
 
 namespace celadon {
-
-/// A grey picture, rows without padding.
-struct GreyView {
-  int width_px = 0, height_px = 0;
-  std::span<const std::uint8_t> bytes;
-};
 
 /// Where the line of `rows` lies on the board, away from the print's edges: what is darker on one side of the line
 /// pulls it to the other.

@@ -17,7 +17,7 @@ using Normal = Eigen::Matrix<double, kUnknowns, kUnknowns>;
 
 constexpr int kMostSteps = 25;
 constexpr double kSettled_px = 1e-5, kLeastBlur_px = 0.3, kWidestBlur_px = 4;
-constexpr double kLeastContrast = 4;  // half the contrast: levels
+constexpr double kLeastHalfContrast = 4;  // half the contrast: levels
 
 struct SaddlePixel {
   double x, y, level;
@@ -121,7 +121,7 @@ std::optional<Saddle> fit_saddle(const GreyView& picture, const PictureNoise& no
     centre = u.head<2>();
     if (round == 0) continue;
     const double rms = std::sqrt(*squares / static_cast<double>(pixels.size()));
-    if (u[4] > kWidestBlur_px || std::abs(u[6]) < std::max(kLeastContrast, 4 * rms)) return std::nullopt;
+    if (u[4] > kWidestBlur_px || std::abs(u[6]) < std::max(kLeastHalfContrast, 4 * rms)) return std::nullopt;
     Normal normal = Normal::Zero(), spread = Normal::Zero();
     Unknowns gradient;
     for (const SaddlePixel& pixel : pixels) {

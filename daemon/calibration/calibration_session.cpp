@@ -121,7 +121,7 @@ class Session final : public ScanObserver {
 
  private:
   const CameraMode& mode() const { return equipment_.camera.mode(); }
-  GreyView view(const Picture& picture) const { return {mode().width_px, mode().height_px, picture.grey}; }
+  GreyView view(const Picture& picture) const { return {picture.grey, mode().width_px, mode().height_px}; }
 
   tl::expected<Picture, ScanStop> look(std::int64_t after_ns) {
     auto frame = feed_->next_after(after_ns);

@@ -23,7 +23,8 @@
 namespace celadon::cli {
 namespace {
 
-constexpr int kNo = 1, kInput = 2, kDevice = 3, kSystem = 4, kInterrupted = 130;
+/// Exit codes.
+enum Ending { kRefused = 1, kWrongInput = 2, kNoMachine = 3, kNotWritten = 4, kStopped = 130 };
 
 struct Arguments {
   std::string config_file, device, camera, board = "tags:10x7x12", output;
@@ -110,18 +111,18 @@ Measured pitch(double measured_mm, double nominal_mm, double u_mm) {
 
 int calibrate(const Arguments& a) {
   if (std::filesystem::exists(a.output)) {
-    return fail(kInput, a.output + " exists; name another file, or move it away");
+    return fail(kWrongInput, a.output + " exists; name another file, or move it away");
   }
   const auto board = TargetBoard::parse(a.board);
-  if (!board) return fail(kInput, "--board " + a.board + ": " + board.error());
+  if (!board) return fail(kWrongInput, "--board " + a.board + ": " + board.error());
   Config config;
   if (!a.config_file.empty()) {
-    if (auto read = read_config(a.config_file, config); !read) return fail(kInput, read.error().message);
+    if (auto read = read_config(a.config_file, config); !read) return fail(kWrongInput, read.error().message);
   }
   if (!a.device.empty()) config.device = a.device;
   if (!a.camera.empty()) config.camera = a.camera;
   if (config.device.empty() || config.camera.empty()) {
-    return fail(kInput, "a calibration needs a machine and its camera: give --device and --camera, or --config");
+    return fail(kWrongInput, "a calibration needs a machine and its camera: give --device and --camera, or --config");
   }
   const double width_mm = board->columns() * board->square_mm(), height_mm = board->rows() * board->square_mm();
   const auto plausible = [](double measured, double nominal) {
@@ -131,10 +132,10 @@ int calibrate(const Arguments& a) {
     char text[160];
     std::snprintf(text, sizeof text, "the print measures %g x %g mm, but %s should be %g x %g mm; name the right board",
                   a.width_mm, a.height_mm, a.board.c_str(), width_mm, height_mm);
-    return fail(kInput, text);
+    return fail(kWrongInput, text);
   }
   auto machine = open_scanner(config.device, config.camera, config.drive, config.motion);
-  if (!machine) return fail(machine.error().wrong_configuration ? kInput : kDevice, machine.error().message);
+  if (!machine) return fail(machine.error().wrong_configuration ? kWrongInput : kNoMachine, machine.error().message);
 
   const CalibrationPlan plan{*board,
                              a.views,
@@ -149,21 +150,22 @@ int calibrate(const Arguments& a) {
   std::signal(SIGTERM, interrupt);
   auto input = take_calibration_views(*machine, plan, terminal);
   if (!input) {
-    return fail(g_interrupted                                 ? kInterrupted
-                : input.error().state == ScanState::cancelled ? kNo
-                                                              : kDevice,
+    return fail(g_interrupted                                 ? kStopped
+                : input.error().state == ScanState::cancelled ? kRefused
+                                                              : kNoMachine,
                 input.error().reason);
   }
   std::printf("%zu views taken; solving ...\n", input->views.size());
   std::fflush(stdout);
   auto solved = solve_calibration(*input);
-  if (!solved) return fail(kNo, "no calibration: " + solved.error());
+  if (!solved) return fail(kRefused, "no calibration: " + solved.error());
   for (const CalibrationStep& step : solved->steps) {
     std::printf("%-10s %-8s %s%s%s\n", step.name.c_str(), word(step.verdict), step.finding.c_str(),
                 step.remedy.empty() ? "" : " ", step.remedy.c_str());
   }
   if (solved->verdict == Verdict::refused) {
-    return fail(kNo, "the calibration is refused, and nothing was written: follow what stands beside the steps above");
+    return fail(kRefused,
+                "the calibration is refused, and nothing was written: follow what stands beside the steps above");
   }
   Calibration& c = solved->calibration;
   c.machine = machine->device->identity().machine;
@@ -172,7 +174,7 @@ int calibrate(const Arguments& a) {
   c.simulated = is_simulated(*machine);
   c.time = assumed_time(machine->camera->mode());
   if (auto written = write_file_atomically(a.output, format_calibration(c)); !written) {
-    return fail(kSystem, written.error().message);
+    return fail(kNotWritten, written.error().message);
   }
   std::printf("calibration: %s (%s)\n", a.output.c_str(), word(solved->verdict));
   return 0;
