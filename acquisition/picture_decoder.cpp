@@ -33,11 +33,15 @@ class JpegDecoder final : public PictureDecoder {
     if (static_cast<std::size_t>(width) != size_.width || static_cast<std::size_t>(height) != size_.height) {
       return tl::unexpected("the JPEG has " + std::to_string(width) + " x " + std::to_string(height) + " px");
     }
-    // A cut or damaged JPEG is a warning to the library, and a picture with grey parts.
-    if (tjDecompress2(jpeg_, bytes.data(), bytes.size(), grey.data(), width, width, height, TJPF_GRAY, 0) != 0) {
-      return tl::unexpected(std::string("the JPEG is damaged (") + tjGetErrorStr2(jpeg_) + ")");
+    if (tjDecompress2(jpeg_, bytes.data(), bytes.size(), grey.data(), width, width, height, TJPF_GRAY, 0) == 0) {
+      return {};
     }
-    return {};
+    // A cut JPEG is no more than a warning to the library, and a picture with grey parts. So are bytes too many before
+    // a marker, which many cameras send and which take nothing away.
+    const std::string cause = tjGetErrorStr2(jpeg_);
+    const bool harmless = tjGetErrorCode(jpeg_) == TJERR_WARNING && cause.find("extraneous bytes") != std::string::npos;
+    if (harmless) return {};
+    return tl::unexpected("the JPEG is damaged (" + cause + ")");
   }
 
  private:
@@ -49,7 +53,7 @@ class JpegDecoder final : public PictureDecoder {
 class RowDecoder : public PictureDecoder {
  public:
   RowDecoder(Size size, std::size_t stride_bytes, std::size_t row_bytes)
-      : size_(size), stride_bytes_(stride_bytes), row_bytes_(row_bytes) {}
+      : size_(size), stride_bytes_(std::max(stride_bytes, row_bytes)), row_bytes_(row_bytes) {}
   std::size_t least_bytes() const override { return stride_bytes_ * (size_.height - 1) + row_bytes_; }
 
  protected:

@@ -40,6 +40,20 @@ TEST(PictureDecoder, LumaOfUyvyIsEverySecondByte) {
   }
 }
 
+// A driver that tells no stride has rows without padding.
+TEST(PictureDecoder, NoStrideMeansRowsWithoutPadding) {
+  for (const std::uint32_t fourcc : {V4L2_PIX_FMT_UYVY, V4L2_PIX_FMT_Y12, V4L2_PIX_FMT_SRGGB8}) {
+    const std::size_t row_bytes = fourcc == V4L2_PIX_FMT_SRGGB8 ? 66 : 132;
+    const Bytes in = random_bytes(9 * row_bytes, 7);
+    Bytes told(66 * 9), untold(66 * 9);
+    const auto decoder = PictureDecoder::of(fourcc, 66, 9, 0);
+    EXPECT_EQ(decoder->least_bytes(), 9 * row_bytes);
+    ASSERT_TRUE(decoder->decode(in, untold));
+    ASSERT_TRUE(PictureDecoder::of(fourcc, 66, 9, row_bytes)->decode(in, told));
+    EXPECT_EQ(untold, told);
+  }
+}
+
 TEST(PictureDecoder, DeepSamplesAreRoundedToEightBits) {
   for (const auto& [fourcc, bits] : {std::pair{V4L2_PIX_FMT_Y10, 10}, {V4L2_PIX_FMT_Y12, 12}, {V4L2_PIX_FMT_Y16, 16}}) {
     const int most = (1 << bits) - 1;
@@ -142,6 +156,19 @@ TEST(PictureDecoder, LumaOfAJpegIsThatOfThePictureThatWasCompressed) {
     for (std::size_t i = 0; i < grey.size(); ++i) squares += std::pow(grey[i] - luma[i], 2);
     EXPECT_LT(std::sqrt(squares / static_cast<double>(grey.size())), 1.5);
   }
+}
+
+// Many cameras send some bytes too many at the end of a picture; nothing of it is missing.
+TEST(PictureDecoder, BytesTooManyBeforeTheEndOfAJpegDoNoHarm) {
+  Bytes luma;
+  Bytes jpeg = jpeg_of(320, 200, luma);
+  Bytes whole(luma.size()), grey(luma.size());
+  ASSERT_TRUE(PictureDecoder::of(V4L2_PIX_FMT_MJPEG, 320, 200, 0)->decode(jpeg, whole));
+  ASSERT_EQ(jpeg[jpeg.size() - 2], 0xff);  // the marker of its end
+  jpeg.insert(jpeg.end() - 2, {0x12, 0x34, 0x56, 0x78, 0x12, 0x34, 0x56, 0x78});
+  const auto decoded = PictureDecoder::of(V4L2_PIX_FMT_MJPEG, 320, 200, 0)->decode(jpeg, grey);
+  ASSERT_TRUE(decoded) << decoded.error();
+  EXPECT_EQ(grey, whole);
 }
 
 TEST(PictureDecoder, SaysWhatIsWrongWithAJpeg) {
