@@ -16,9 +16,8 @@ constexpr double kBorder_mm = 10, kRuler_mm = 100, kRulerStrip_mm = 10, kMark_mm
 constexpr double kLetter_mm = 0.53 * BoardSheet::kText_mm;  // mean width
 constexpr const char* kAdvice =
     "Print at 100 % (no fitting to the page). Paper stretches differently along x and y: measure the printed pitch "
-    "after "
-    "printing in both directions, over as many squares as a good ruler or caliper spans, and enter both lengths when "
-    "calibrating.";
+    "over all squares, from left to right and from top to bottom, and give both lengths to celadon calibrate "
+    "(--width, --height).";
 
 struct Page {
   const char* name;
