@@ -396,6 +396,21 @@ TEST(LaserLine, AtTheBorderALineIsWholeOrMissing) {
   }
 }
 
+// Luma of limited range ends at 235, whatever its format is called.
+TEST(LaserLine, TheModeSaysFromWhereSamplesAreSaturated) {
+  auto scene = synthetic::good_scene();
+  scene.speckle_contrast = 0;
+  scene.amplitude = 600;
+  auto picture = synthetic::straight_line(320, 40, 140.3, 0.05, 3.0, scene, 7);
+  for (std::uint8_t& level : picture.on) level = std::min<std::uint8_t>(level, 235);
+  CameraMode mode = mode_of(320, 40);
+  EXPECT_EQ(count_status(extract(mode, picture.on), RowStatus::saturated), 0);
+  mode.saturated_level = 235;
+  EXPECT_EQ(count_status(extract(mode, picture.on), RowStatus::saturated), 40);
+  mode.saturated_level = 256;
+  EXPECT_THROW(extract(mode, picture.on), std::invalid_argument);
+}
+
 TEST(LaserLine, FlatTopsAreSaturatedAndKeepTheirPosition) {
   auto scene = synthetic::good_scene();
   scene.speckle_contrast = 0;

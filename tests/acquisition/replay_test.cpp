@@ -265,6 +265,7 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
   index.scan.mode = *rc::gen::element<std::string>("", "step", "sweep");
   index.scan.date = *rc::gen::element<std::string>("", "2026-02-03T04:05:06Z");
   index.scan.profiles = *rc::gen::inRange(0, 100000);
+  index.saturated_level = *rc::gen::inRange(0, 256);
   std::int64_t stamp = *rc::gen::inRange<std::int64_t>(-1000, 1000);
   for (int i = 0; i < *rc::gen::inRange(1, 20); ++i) {
     index.frames.push_back(
@@ -286,6 +287,7 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
   RC_ASSERT(parsed->scan.mode == index.scan.mode);
   RC_ASSERT(parsed->scan.date == index.scan.date);
   RC_ASSERT(parsed->scan.profiles == index.scan.profiles);
+  RC_ASSERT(parsed->saturated_level == index.saturated_level);
   RC_ASSERT(parsed->frames.size() == index.frames.size());
   for (std::size_t i = 0; i < index.frames.size(); ++i) {
     const RecordedFrame &a = parsed->frames[i], &b = index.frames[i];
