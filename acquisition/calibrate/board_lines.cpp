@@ -3,9 +3,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <opencv2/calib3d.hpp>
-#include <optional>
 #include <random>
+
+#include "acquisition/calibrate/board_homography.h"
 
 namespace celadon {
 namespace {
@@ -78,24 +78,18 @@ std::vector<SeenLinePoint> straight_part(const std::vector<SeenLinePoint>& all) 
 
 std::vector<SeenLinePoint> line_points_on_board(const TargetBoard& board, std::span<const SeenCorner> corners,
                                                 const GreyView& dark, std::span<const LineRow> rows) {
-  std::vector<cv::Point2d> seen, printed;
-  for (const SeenCorner& c : corners) {
-    const Vector2d& p = board.corners()[static_cast<std::size_t>(c.id)].p_mm;
-    seen.emplace_back(c.p_px.x(), c.p_px.y());
-    printed.emplace_back(p.x(), p.y());
-  }
   std::vector<SeenLinePoint> points;
-  if (seen.size() < 4) return points;
-  const cv::Mat H = cv::findHomography(seen, printed);
-  if (H.empty()) return points;
+  const auto to_picture = board_homography(board, corners);
+  if (!to_picture) return points;
+  const Eigen::Matrix3d to_board = to_picture->inverse();
   const double half_x = (0.5 * board.columns() - kMargin) * board.square_mm();
   const double half_y = (0.5 * board.rows() - kMargin) * board.square_mm();
   for (int y = 0; y < static_cast<int>(rows.size()); ++y) {
     const LineRow& row = rows[static_cast<std::size_t>(y)];
     if (!has_line(row)) continue;
     const double x = static_cast<double>(row.x_px);
-    const auto at = [&](int i) { return H.at<double>(i, 0) * x + H.at<double>(i, 1) * y + H.at<double>(i, 2); };
-    if (std::abs(at(0) / at(2)) > half_x || std::abs(at(1) / at(2)) > half_y) continue;
+    const Vector2d p = (to_board * Eigen::Vector3d(x, y, 1)).hnormalized();
+    if (std::abs(p.x()) > half_x || std::abs(p.y()) > half_y) continue;
     if (!plain_about(dark, y, x, static_cast<double>(row.width_px))) continue;
     points.push_back({Vector2d(x, y), static_cast<double>(row.sigma_px)});
   }

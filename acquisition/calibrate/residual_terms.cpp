@@ -138,6 +138,12 @@ class CornerTerm final : public ceres::CostFunction {
   std::vector<CornerObservation> corners_;
 };
 
+/// A point of a line with its weight.
+struct WeightedPoint {
+  Eigen::Vector2d p_px;
+  double per_sigma;  ///< 1/px
+};
+
 /// Blocks: camera, plane, pose [, axis, turn].
 class LineTerm final : public ceres::CostFunction {
  public:
@@ -186,13 +192,9 @@ class LineTerm final : public ceres::CostFunction {
   }
 
  private:
-  struct Point {
-    Eigen::Vector2d p_px;
-    double per_sigma;  ///< 1/px
-  };
   ViewPose pose_;
   PlaneEstimate plane_;
-  std::vector<Point> points_;
+  std::vector<WeightedPoint> points_;
 };
 
 /// Blocks: camera, plane, axis, platter.
@@ -247,13 +249,9 @@ class PlatterTerm final : public ceres::CostFunction {
   }
 
  private:
-  struct Point {
-    Eigen::Vector2d p_px;
-    double per_sigma;  ///< 1/px
-  };
   AxisEstimate axis_;
   PlaneEstimate plane_;
-  std::vector<Point> points_;
+  std::vector<WeightedPoint> points_;
 };
 
 std::unique_ptr<ceres::CostFunction> prior(const Eigen::VectorXd& mean, const Eigen::VectorXd& sigma) {

@@ -1,10 +1,13 @@
 #include "acquisition/calibrate/view_planner.h"
 
+#include <Eigen/LU>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <numbers>
-#include <opencv2/calib3d.hpp>
+
+#include "acquisition/calibrate/board_homography.h"
 
 namespace celadon {
 namespace {
@@ -40,19 +43,10 @@ double between(double a, double b) {
 }  // namespace
 
 BoardAppearance appearance_of(const TargetBoard& board, std::span<const SeenCorner> corners) {
-  std::vector<cv::Point2d> from, to;
-  for (const SeenCorner& c : corners) {
-    const Vector2d& p = board.corners()[static_cast<std::size_t>(c.id)].p_mm;
-    from.emplace_back(p.x(), p.y());
-    to.emplace_back(c.p_px.x(), c.p_px.y());
-  }
-  const cv::Mat found = cv::findHomography(from, to);
   BoardAppearance seen;
-  if (found.empty()) return seen;
-  Eigen::Matrix3d H;
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) H(i, j) = found.at<double>(i, j);
-  }
+  const auto found = board_homography(board, corners);
+  if (!found) return seen;
+  const Eigen::Matrix3d& H = *found;
   const Mapped middle = map(H, Vector2d::Zero());
   const Eigen::JacobiSVD<Eigen::Matrix2d> svd(middle.J, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const Vector2d s = svd.singularValues();
