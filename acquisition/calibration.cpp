@@ -13,6 +13,9 @@
 #include <string_view>
 #include <system_error>
 
+#include <Eigen/Eigenvalues>
+
+#include "acquisition/calibration_change.h"
 #include "acquisition/lens.h"
 #include "acquisition/toml_section.h"
 
@@ -23,7 +26,7 @@ using namespace checked_toml;
 
 constexpr std::size_t kLargestCalibration = std::size_t{1} << 20;
 constexpr double kUnitTolerance = 1e-9;
-constexpr int kMajor = 1, kMinor = 0;
+constexpr int kMajor = 1, kMinor = 1;
 constexpr const char* kFormat = "celadon-calibration";
 constexpr std::array<const char*, 5> kDistortionKeys{"k1", "k2", "p1", "p2", "k3"};
 
@@ -163,6 +166,38 @@ AxisPose axis_of(Section& root) {
   return axis;
 }
 
+CalibrationCovariance covariance_of(Section& root, const Calibration& calibration) {
+  Section section = root.section("covariance");
+  CalibrationCovariance out{section.texts("names"), {}};
+  for (std::size_t i = 0; i < out.names.size(); ++i) {
+    const std::string& name = out.names[i];
+    const auto refuse_name = [&](const std::string& why) {
+      section.refuse(section.node("names"), "names[" + std::to_string(i) + "]", "is " + excerpt(name) + why);
+    };
+    if (!has_parameter(calibration, name)) refuse_name(", which is no number of this calibration; calibrate again");
+    if (std::count(out.names.begin(), out.names.end(), name) > 1) refuse_name(" and stands twice; calibrate again");
+  }
+  out.matrix = section.symmetric("lower", static_cast<Eigen::Index>(out.names.size()));
+  // In units of its own standard deviations: the numbers' sizes differ by 10^8.
+  const Eigen::VectorXd deviations = out.matrix.diagonal().cwiseSqrt();
+  bool sound = (out.matrix.diagonal().array() >= 0).all();
+  if (sound) {
+    const Eigen::VectorXd inverse = (deviations.array() > 0).select(deviations.cwiseInverse(), 1.0);
+    const Eigen::MatrixXd correlation = inverse.asDiagonal() * out.matrix * inverse.asDiagonal();
+    constexpr double kRounding = 1e-9;
+    sound = correlation.allFinite() &&
+            Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(correlation, Eigen::EigenvaluesOnly).eigenvalues()[0] >=
+                -kRounding * static_cast<double>(out.names.size());
+  }
+  if (!sound) {
+    section.refuse(section.node("lower"), "lower",
+                   "is no covariance: some combination of the numbers would have a negative variance; copy the file "
+                   "again or calibrate again");
+  }
+  section.finish();
+  return out;
+}
+
 Calibration calibration_of(const toml::table& table, const std::string& name) {
   Section root(table, name, "");
   const bool newer = check_version(root);
@@ -191,11 +226,13 @@ Calibration calibration_of(const toml::table& table, const std::string& name) {
   Section geometry = root.section("geometry");
   out.scale = geometry.positive("scale");
   out.systematic_mm = geometry.uncertainty("systematic_mm");
+  if (geometry.has("u_drift_mm")) out.u_drift_mm = geometry.uncertainty("u_drift_mm");
   geometry.finish();
 
   Section time = root.section("time");
   out.time = {time.measured("stamp_offset_ns"), time.measured("exposure_factor"), time.measured("line_time_ns")};
   time.finish();
+  if (root.has("covariance")) out.covariance = covariance_of(root, out);
   root.finish();
   return out;
 }
@@ -291,10 +328,24 @@ std::string format_calibration(const Calibration& calibration) {
   out += "\n[geometry]\n";
   line("scale", measured_text(calibration.scale));
   line("systematic_mm", number_text(calibration.systematic_mm));
+  if (calibration.u_drift_mm > 0) line("u_drift_mm", number_text(calibration.u_drift_mm));
   out += "\n[time]\n";
   line("stamp_offset_ns", measured_text(calibration.time.stamp_offset_ns));
   line("exposure_factor", measured_text(calibration.time.exposure_factor));
   line("line_time_ns", measured_text(calibration.time.line_time_ns));
+
+  if (calibration.covariance) {
+    const CalibrationCovariance& covariance = *calibration.covariance;
+    out += "\n[covariance]\nnames = [";
+    for (std::size_t i = 0; i < covariance.names.size(); ++i) out += (i > 0 ? ", " : "") + quoted(covariance.names[i]);
+    out += "]\nlower = [\n";
+    for (Eigen::Index i = 0; i < covariance.matrix.rows(); ++i) {
+      out += "  [";
+      for (Eigen::Index j = 0; j <= i; ++j) out += (j > 0 ? ", " : "") + number_text(covariance.matrix(i, j));
+      out += "],\n";
+    }
+    out += "]\n";
+  }
   return out;
 }
 

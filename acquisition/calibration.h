@@ -6,6 +6,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -46,6 +47,12 @@ struct TimeModel {
   Measured stamp_offset_ns, exposure_factor, line_time_ns;
 };
 
+/// Joint covariance of the numbers of a calibration, each named and varied as calibration_change.h says.
+struct CalibrationCovariance {
+  std::vector<std::string> names;
+  Eigen::MatrixXd matrix;  ///< symmetric, positive semidefinite
+};
+
 struct Calibration {
   std::string machine;  ///< identity of the controller this belongs to
   std::string camera;   ///< CameraMode::identity
@@ -58,7 +65,9 @@ struct Calibration {
   double direction = 1;          ///< +1: table turns counter-clockwise seen from above for rising encoder angles
   Measured scale{1, 0.003};      ///< true length / model length
   double systematic_mm = 0;      ///< systematic uncertainty of a radius: form tolerance of the model selection
+  double u_drift_mm = 0;         ///< of a radius, by what changes between calibration and scan
   TimeModel time;
+  std::optional<CalibrationCovariance> covariance;
 };
 
 struct CalibrationError {

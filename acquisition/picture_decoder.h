@@ -18,7 +18,8 @@ class PictureDecoder {
   /// nullptr for formats that need none, and for unknown ones.
   /// MJPG: the luma of the JPEG, chroma untouched. UYVY: its luma. Y10, Y12, Y16: the upper 8 bits, rounded. Bayer
   /// mosaics (BA81, GBRG, GRBG, RGGB): (R + 2 G + B) / 4 by the binomial filter over 5 x 3 pixels, which weighs the
-  /// colours alike at every pixel and shifts a line by less than 0.01 px; 3 pixels along the row would shift it by 0.04.
+  /// colours alike at every pixel and shifts a line by less than 0.01 px; 3 pixels along the row would shift it by
+  /// 0.04.
   /// @pre at least 5 x 2 pixels
   /// @param stride_bytes  of the driver's rows; unused for MJPG
   static std::unique_ptr<PictureDecoder> of(std::uint32_t fourcc, int width_px, int height_px,

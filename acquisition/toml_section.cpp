@@ -188,11 +188,48 @@ Eigen::Matrix3d Section::matrix(const std::string& key) {
   return out;
 }
 
+std::vector<std::string> Section::texts(const std::string& key) {
+  const toml::node& found = node(key);
+  const auto* items = found.as_array();
+  if (items == nullptr || items->empty()) {
+    refuse(found, key, "is " + value_text(found) + " and must be an array of texts");
+  }
+  std::vector<std::string> out;
+  for (const toml::node& item : *items) {
+    const auto* text = item.as_string();
+    if (text == nullptr) refuse(item, key, "holds " + value_text(item) + " and must be an array of texts");
+    out.push_back(text->get());
+  }
+  return out;
+}
+
+Eigen::MatrixXd Section::symmetric(const std::string& key, Eigen::Index size) {
+  const toml::node& found = node(key);
+  const auto* rows = found.as_array();
+  if (rows == nullptr || static_cast<Eigen::Index>(rows->size()) != size) {
+    refuse(found, key, "is " + value_text(found) + " and must be an array of " + std::to_string(size) + " rows");
+  }
+  Eigen::MatrixXd out(size, size);
+  for (Eigen::Index i = 0; i < size; ++i) {
+    const toml::node& row = *rows->get(static_cast<std::size_t>(i));
+    const std::string field = key + "[" + std::to_string(i) + "]";
+    const auto* items = row.as_array();
+    if (items == nullptr || static_cast<Eigen::Index>(items->size()) != i + 1) {
+      refuse(row, field, "is " + value_text(row) + " and must be an array of " + std::to_string(i + 1) + " numbers");
+    }
+    for (Eigen::Index j = 0; j <= i; ++j) {
+      const auto& item = *items->get(static_cast<std::size_t>(j));
+      out(i, j) = out(j, i) = number_of(item, field + "[" + std::to_string(j) + "]");
+    }
+  }
+  return out;
+}
+
 void Section::finish() const {
   if (newer_) return;
   for (const auto& [key, value] : *table_) {
     if (!used_.contains(std::string(key.str()))) {
-      refuse(value, excerpt(key.str()), "is not a key of version 1.0; correct its spelling or remove it");
+      refuse(value, excerpt(key.str()), "is not a key of this version; correct its spelling or remove it");
     }
   }
 }

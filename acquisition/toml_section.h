@@ -6,6 +6,7 @@
 #include <set>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <tl/expected.hpp>
 
@@ -59,6 +60,9 @@ class Section {
   Measured positive(const std::string& key);
   Eigen::Vector3d vector(const std::string& key);
   Eigen::Matrix3d matrix(const std::string& key);
+  std::vector<std::string> texts(const std::string& key);
+  /// A symmetric matrix from the rows of its lower triangle.
+  Eigen::MatrixXd symmetric(const std::string& key, Eigen::Index size);
 
   /// The file is of a newer minor version: keys that nobody asks for are passed over, here and in its sections.
   void set_newer(bool newer) { newer_ = newer; }

@@ -16,6 +16,38 @@
 namespace celadon::calibrate {
 namespace {
 
+using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Residuals of a term at its parameters, and their derivatives by each block.
+struct Linearised {
+  explicit Linearised(const Term& term) : residuals(term.cost->num_residuals()) {
+    std::vector<double*> targets;
+    for (int size : term.cost->parameter_block_sizes()) jacobians.emplace_back(Rows::Zero(residuals.size(), size));
+    for (Rows& jacobian : jacobians) targets.push_back(jacobian.data());
+    valid = term.cost->Evaluate(term.blocks.data(), residuals.data(), targets.data());
+  }
+  Eigen::VectorXd residuals;
+  std::vector<Rows> jacobians;
+  bool valid = false;
+};
+
+/// Runs of one group are added at once.
+void add_to(Grouping& groups, int kind, const std::vector<Origin>& origins, const Rows& J,
+            const Eigen::VectorXd& residuals) {
+  const auto group_of = [&](std::size_t row) { return origins[row].group[static_cast<std::size_t>(kind)]; };
+  for (std::size_t begin = 0, end = 0; begin < origins.size(); begin = end) {
+    while (end < origins.size() && group_of(end) == group_of(begin)) ++end;
+    const auto first = static_cast<Eigen::Index>(begin), count = static_cast<Eigen::Index>(end - begin);
+    GroupSums& sums = groups[group_of(begin)];
+    if (sums.score.size() == 0) {
+      sums.score = Eigen::VectorXd::Zero(J.cols());
+      sums.information = Eigen::MatrixXd::Zero(J.cols(), J.cols());
+    }
+    sums.score += J.middleRows(first, count).transpose() * residuals.segment(first, count);
+    sums.information += J.middleRows(first, count).transpose() * J.middleRows(first, count);
+  }
+}
+
 bool finite(const Estimate& estimate) {
   for (double value : estimate.camera) {
     if (!std::isfinite(value)) return false;
@@ -27,6 +59,7 @@ bool finite(const Estimate& estimate) {
     if (!plane.normal_C.allFinite() || !std::isfinite(plane.distance_mm)) return false;
   }
   return estimate.camera[0] > 0 && estimate.camera[1] > 0 && estimate.pitch.allFinite() &&
+         estimate.sag_mm.allFinite() &&
          (!estimate.axis || (estimate.axis->direction_C.allFinite() && estimate.axis->point_C.allFinite()));
 }
 
@@ -74,7 +107,7 @@ tl::expected<Estimate, std::string> solve_bundle(const Observations& observation
 }
 
 SharedLayout::SharedLayout(const Estimate& estimate) {
-  size = 11;
+  size = 14;
   if (estimate.axis) {
     axis = size;
     turn = size + 4;
@@ -88,12 +121,11 @@ SharedLayout::SharedLayout(const Estimate& estimate) {
 }
 
 SharedInformation shared_information(const Observations& observations, const Estimate& estimate) {
-  using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   Parameters parameters(estimate);
   const SharedLayout layout(estimate);
   std::map<const double*, int> column;
   column[parameters.camera.data()] = layout.camera;
-  column[parameters.pitch.data()] = layout.pitch;
+  column[parameters.print.data()] = layout.print;
   if (layout.axis >= 0) column[parameters.axis.data()] = layout.axis;
   if (layout.turn >= 0) column[&parameters.turn] = layout.turn;
   if (layout.platter >= 0) column[parameters.platter.data()] = layout.platter;
@@ -107,17 +139,14 @@ SharedInformation shared_information(const Observations& observations, const Est
   SharedInformation out;
   Eigen::MatrixXd N = Eigen::MatrixXd::Zero(layout.size, layout.size);
   int rows = 0;
-  for (const Term& term : terms_of(observations, estimate, parameters)) {
+  const std::vector<Term> terms = terms_of(observations, estimate, parameters);
+  for (const Term& term : terms) {
+    const Linearised at(term);
+    if (!at.valid) continue;
+    const auto& jacobians = at.jacobians;
     const auto& sizes = term.cost->parameter_block_sizes();
-    const int count = term.cost->num_residuals();
-    std::vector<Rows> jacobians;
-    std::vector<double*> targets;
-    for (int size : sizes) jacobians.emplace_back(Rows::Zero(count, size));
-    for (Rows& jacobian : jacobians) targets.push_back(jacobian.data());
-    Eigen::VectorXd residuals(count);
-    if (!term.cost->Evaluate(term.blocks.data(), residuals.data(), targets.data())) continue;
-    rows += count;
-    out.chi_square += residuals.squaredNorm();
+    rows += static_cast<int>(at.residuals.size());
+    out.chi_square += at.residuals.squaredNorm();
     PoseBlock* pose = nullptr;
     std::size_t pose_at = 0;
     for (std::size_t i = 0; i < term.blocks.size(); ++i) {
@@ -129,15 +158,34 @@ SharedInformation shared_information(const Observations& observations, const Est
     }
     for (std::size_t i = 0; i < term.blocks.size(); ++i) {
       if (pose != nullptr && i == pose_at) continue;
-      const int at = column.at(term.blocks[i]);
-      if (pose != nullptr) pose->shared.middleCols(at, sizes[i]) += jacobians[pose_at].transpose() * jacobians[i];
+      const int first = column.at(term.blocks[i]);
+      if (pose != nullptr) pose->shared.middleCols(first, sizes[i]) += jacobians[pose_at].transpose() * jacobians[i];
       for (std::size_t k = 0; k < term.blocks.size(); ++k) {
         if (pose != nullptr && k == pose_at) continue;
-        N.block(at, column.at(term.blocks[k]), sizes[i], sizes[k]) += jacobians[i].transpose() * jacobians[k];
+        N.block(first, column.at(term.blocks[k]), sizes[i], sizes[k]) += jacobians[i].transpose() * jacobians[k];
       }
     }
   }
   for (const auto& [block, pose] : poses) N -= pose.shared.transpose() * pose.own.ldlt().solve(pose.shared);
+  std::map<const double*, Eigen::MatrixXd> followed;  // what a pose does when a shared parameter moves, negative
+  for (const auto& [block, pose] : poses) followed[block] = pose.own.ldlt().solve(pose.shared);
+  out.groupings.resize(Origin::kGroupings);
+  for (const Term& term : terms) {
+    if (term.origins.empty()) continue;
+    const Linearised at(term);
+    if (!at.valid) continue;
+    Rows J = Rows::Zero(at.residuals.size(), layout.size);
+    for (std::size_t i = 0; i < term.blocks.size(); ++i) {
+      const auto shared = column.find(term.blocks[i]);
+      if (shared != column.end()) {
+        J.middleCols(shared->second, at.jacobians[i].cols()) += at.jacobians[i];
+      } else {
+        J -= at.jacobians[i] * followed.at(term.blocks[i]);
+      }
+    }
+    for (int kind = 0; kind < Origin::kGroupings; ++kind)
+      add_to(out.groupings[static_cast<std::size_t>(kind)], kind, term.origins, J, at.residuals);
+  }
   out.degrees_of_freedom = rows - layout.size - 6 * static_cast<int>(poses.size());
 
   // The parameters' sizes differ by orders of magnitude: the inverse is taken of the matrix with a unit diagonal.

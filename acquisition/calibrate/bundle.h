@@ -8,6 +8,7 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/calibrate/observations.h"
+#include "acquisition/calibrate/shared_errors.h"
 
 namespace celadon::calibrate {
 
@@ -18,7 +19,7 @@ tl::expected<Estimate, std::string> solve_bundle(const Observations& observation
 /// First columns of the blocks that all views share; -1 for those that an estimate does not have.
 struct SharedLayout {
   explicit SharedLayout(const Estimate& estimate);
-  int camera = 0, pitch = 9, axis = -1, turn = -1, platter = -1;
+  int camera = 0, print = 9, axis = -1, turn = -1, platter = -1;
   std::vector<int> planes;
   int size = 0;
 };
@@ -29,6 +30,7 @@ struct SharedInformation {
   bool determined = true;      ///< false: a direction of the parameters is seen by nothing
   double chi_square = 0;
   int degrees_of_freedom = 0;
+  std::vector<Grouping> groupings;  ///< Origin::kGroupings
 };
 SharedInformation shared_information(const Observations& observations, const Estimate& estimate);
 

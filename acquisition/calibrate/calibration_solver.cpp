@@ -12,6 +12,7 @@
 #include "acquisition/calibrate/outliers.h"
 #include "acquisition/calibrate/uncertainty.h"
 #include "acquisition/calibrate/verdicts.h"
+#include "acquisition/calibration_change.h"
 
 namespace celadon {
 namespace {
@@ -81,6 +82,21 @@ void set_figures(const Observations& observations, CalibrationSolution& solution
   solution.line_rms_mm = std::sqrt(line_squares / std::max(1, points));
 }
 
+/// Of the numbers that the calibration holds; the print's pitch, the board's sag and the platter's slope are none of
+/// them.
+CalibrationCovariance covariance_in(const Calibration& calibration, const Uncertainty& uncertainty) {
+  CalibrationCovariance out;
+  std::vector<Eigen::Index> columns;
+  const std::vector<std::string> names = uncertainty.names();
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    if (!has_parameter(calibration, names[i])) continue;
+    out.names.push_back(names[i]);
+    columns.push_back(static_cast<Eigen::Index>(i));
+  }
+  out.matrix = uncertainty.covariance()(columns, columns);
+  return out;
+}
+
 Calibration calibration_of(const CalibrationInput& input, const Estimate& estimate, const Uncertainty& uncertainty) {
   Calibration out;
   CameraModel& camera = out.camera_model;
@@ -111,6 +127,7 @@ Calibration calibration_of(const CalibrationInput& input, const Estimate& estima
   out.direction = estimate.axis->turn < 0 ? -1 : 1;
   out.scale = {1, uncertainty.scale()};
   out.systematic_mm = uncertainty.radius(Uncertainty::Scale::included);
+  out.covariance = covariance_in(out, uncertainty);
   return out;
 }
 

@@ -22,7 +22,9 @@ Tangents tangents_across(const Vector3d& direction) {
   return out;
 }
 
-Parameters::Parameters(const Estimate& about) : camera(about.camera), pitch{about.pitch.x(), about.pitch.y()} {
+Parameters::Parameters(const Estimate& about)
+    : camera(about.camera),
+      print{about.pitch.x(), about.pitch.y(), about.sag_mm.x(), about.sag_mm.y(), about.sag_mm.z()} {
   if (about.axis) turn = about.axis->turn;
   if (about.platter) platter = {about.platter->height_mm, about.platter->slope.x(), about.platter->slope.y()};
   planes.assign(about.planes.size(), {});
@@ -32,7 +34,8 @@ Parameters::Parameters(const Estimate& about) : camera(about.camera), pitch{abou
 Estimate Parameters::moved(const Estimate& about) const {
   Estimate out = about;
   out.camera = camera;
-  out.pitch = {pitch[0], pitch[1]};
+  out.pitch = {print[0], print[1]};
+  out.sag_mm = {print[2], print[3], print[4]};
   if (out.axis) {
     out.axis->direction_C = moved_direction(about.axis->direction_C, about.axis->across_C, axis.data()).d;
     out.axis->point_C += about.axis->across_C * Vector2d(axis[2], axis[3]);

@@ -39,11 +39,25 @@ struct PlatterEstimate {
 struct Estimate {
   CameraParameters camera{};
   Eigen::Vector2d pitch = Eigen::Vector2d::Ones();  ///< true / nominal length of the print along its x and y
+  /// How far the board's surface is out of flat: sag . sag_shape() along its z.
+  Eigen::Vector3d sag_mm = Eigen::Vector3d::Zero();
+  double board_radius_mm = 1;
   std::optional<AxisEstimate> axis;
   std::vector<PlaneEstimate> planes;
   std::optional<PlatterEstimate> platter;
   std::vector<Eigen::Isometry3d> X_CB;  ///< of each held view, of each placement at its reference angle
 };
+
+/// X^2, X Y, Y^2 of a place of the print, nominal, in units of the board's radius.
+inline Eigen::Vector3d sag_shape(const Eigen::Vector2d& p_mm, double board_radius_mm) {
+  const Eigen::Vector2d p = p_mm / board_radius_mm;
+  return {p.x() * p.x(), p.x() * p.y(), p.y() * p.y()};
+}
+/// Where a place of the print, nominal, is on the board.
+inline Eigen::Vector3d on_board(const Estimate& estimate, const Eigen::Vector2d& p_mm) {
+  return {estimate.pitch.x() * p_mm.x(), estimate.pitch.y() * p_mm.y(),
+          estimate.sag_mm.dot(sag_shape(p_mm, estimate.board_radius_mm))};
+}
 
 /// A unit vector moved in its chart, and the derivative by the two coordinates.
 struct MovedDirection {
@@ -55,7 +69,7 @@ MovedDirection moved_direction(const Eigen::Vector3d& d0, const Tangents& tangen
 /// Two unit vectors across a unit vector and each other.
 Tangents tangents_across(const Eigen::Vector3d& direction);
 
-/// The numbers that are varied, in blocks: the camera, pitch and turn as they are, the others as charts about an
+/// The numbers that are varied, in blocks: the camera, print and turn as they are, the others as charts about an
 /// estimate.
 struct Parameters {
   explicit Parameters(const Estimate& about);
@@ -63,7 +77,7 @@ struct Parameters {
   Estimate moved(const Estimate& about) const;
 
   CameraParameters camera;
-  std::array<double, 2> pitch;
+  std::array<double, 5> print;  ///< pitch, sag
   std::array<double, 4> axis{};
   double turn = 1;
   std::array<double, 3> platter{};

@@ -32,8 +32,7 @@ double held_out_rms_px(const Observations& observations, const Estimate& solutio
       for (std::size_t i = 1; i < view->corners.size(); i += 2) {
         const CornerObservation& corner = view->corners[i];
         if (!(corner.weight > 0)) continue;
-        const Eigen::Vector2d on_board = parameters->pitch.cwiseProduct(corner.p_mm);
-        const Eigen::Vector3d p_C = X_CB * Eigen::Vector3d(on_board.x(), on_board.y(), 0);
+        const Eigen::Vector3d p_C = X_CB * on_board(*parameters, corner.p_mm);
         squares +=
             (project(parameters->camera.data(), p_C.x() / p_C.z(), p_C.y() / p_C.z()).p_px - corner.p_px).squaredNorm();
         ++count;

@@ -112,6 +112,7 @@ tl::expected<Estimate, std::string> initial_camera(Observations& observations, i
   Estimate out;
   out.camera = {focal_px, focal_px, middle.x(), middle.y(), 0, 0, 0, 0, 0};
   out.pitch = {observations.pitch_x.value, observations.pitch_y.value};
+  out.board_radius_mm = observations.board_radius_mm;
   for (const auto& H : homographies) out.X_CB.push_back(H ? pose_from(*H, focal_px) : Eigen::Isometry3d::Identity());
   return out;
 }
@@ -125,8 +126,7 @@ bool refine_pose(const Estimate& estimate, const ViewObservation& view, std::siz
     for (std::size_t i = first; i < view.corners.size(); i += step) {
       const CornerObservation& corner = view.corners[i];
       if (!(corner.weight > 0)) continue;
-      const Vector3d turned =
-          X_CB.linear() * Vector3d(estimate.pitch.x() * corner.p_mm.x(), estimate.pitch.y() * corner.p_mm.y(), 0);
+      const Vector3d turned = X_CB.linear() * on_board(estimate, corner.p_mm);
       const Vector3d p = turned + X_CB.translation();
       if (!(p.z() > 0)) return false;
       const double a = p.x() / p.z(), b = p.y() / p.z();

@@ -59,4 +59,19 @@ LineDistance line_distance(const double* camera, const Vector2d& p_px, const Vec
   return out;
 }
 
+LineOnBoard line_on_board(const Estimate& estimate, const Eigen::Isometry3d& X_CB, const Vector2d& p_px,
+                          const PlaneEstimate& laser) {
+  const Vector3d m = X_CB.linear().col(2), t = X_CB.translation();
+  const auto at_sag = [&](double sag_mm) {
+    return line_distance(estimate.camera.data(), p_px, m, m.dot(t) + sag_mm, laser.normal_C, laser.distance_mm);
+  };
+  LineOnBoard out;
+  out.at = at_sag(0);
+  if (!out.at.exists) return out;
+  const Vector2d place = (X_CB.linear().transpose() * (out.at.foot.p_C - t)).head<2>();
+  out.shape = sag_shape(place.cwiseQuotient(estimate.pitch), estimate.board_radius_mm);
+  if (!estimate.sag_mm.isZero(0)) out.at = at_sag(estimate.sag_mm.dot(out.shape));
+  return out;
+}
+
 }  // namespace celadon::calibrate

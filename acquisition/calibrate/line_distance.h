@@ -32,4 +32,13 @@ struct LineDistance {
 LineDistance line_distance(const double* camera, const Eigen::Vector2d& p_px, const Eigen::Vector3d& normal_1_C,
                            double distance_1_mm, const Eigen::Vector3d& normal_2_C, double distance_2_mm);
 
+/// The same for a line on a board at a pose: the plane is that of the board where the line is, flat board and sag
+/// together. The sag's slope against the board, a thousandth, is left.
+struct LineOnBoard {
+  LineDistance at;
+  Eigen::Vector3d shape = Eigen::Vector3d::Zero();  ///< sag_shape() at the foot
+};
+LineOnBoard line_on_board(const Estimate& estimate, const Eigen::Isometry3d& X_CB, const Eigen::Vector2d& p_px,
+                          const PlaneEstimate& laser);
+
 }  // namespace celadon::calibrate

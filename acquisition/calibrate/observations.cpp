@@ -1,5 +1,6 @@
 #include "acquisition/calibrate/observations.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -41,9 +42,11 @@ tl::expected<Observations, std::string> arrange(const CalibrationInput& input) {
     }
   }
   std::map<int, Eigen::Vector2d> places;
-  for (const BoardCorner& corner : input.board.corners()) places[corner.id] = corner.p_mm;
-
   Observations out;
+  for (const BoardCorner& corner : input.board.corners()) {
+    places[corner.id] = corner.p_mm;
+    out.board_radius_mm = std::max(out.board_radius_mm, corner.p_mm.norm());
+  }
   out.pitch_x = input.pitch_x;
   out.pitch_y = input.pitch_y;
   for (std::size_t i = 0; i < input.views.size(); ++i) {
@@ -99,10 +102,8 @@ void update_residuals(const Estimate& estimate, Observations& observations) {
   constexpr double kImpossible = 1e6;
   for (ViewObservation& view : observations.views) {
     const Eigen::Isometry3d X_CB = pose_of(estimate, view);
-    const Eigen::Vector3d m_C = X_CB.linear().col(2);
     for (CornerObservation& corner : view.corners) {
-      const Eigen::Vector2d on_board = estimate.pitch.cwiseProduct(corner.p_mm);
-      const Eigen::Vector3d p_C = X_CB * Eigen::Vector3d(on_board.x(), on_board.y(), 0);
+      const Eigen::Vector3d p_C = X_CB * on_board(estimate, corner.p_mm);
       corner.residual.setConstant(kImpossible);
       if (p_C.z() > 0) {
         corner.residual = (project(camera, p_C.x() / p_C.z(), p_C.y() / p_C.z()).p_px - corner.p_px) / corner.sigma_px;
@@ -112,8 +113,7 @@ void update_residuals(const Estimate& estimate, Observations& observations) {
       if (line.plane < 0) continue;
       const PlaneEstimate& plane = estimate.planes[static_cast<std::size_t>(line.plane)];
       for (PointObservation& point : line.points) {
-        const LineDistance at =
-            line_distance(camera, point.p_px, m_C, m_C.dot(X_CB.translation()), plane.normal_C, plane.distance_mm);
+        const LineDistance at = line_on_board(estimate, X_CB, point.p_px, plane).at;
         point.distance_mm = at.height_mm;
         point.residual = at.exists && at.definite ? at.distance_px / point.sigma_px : kImpossible;
       }

@@ -52,6 +52,7 @@ struct Observations {
   std::vector<ViewObservation> views;
   std::vector<LineObservation> platter;
   Measured pitch_x, pitch_y;
+  double board_radius_mm = 0;  ///< of the outermost corner from the middle of the print, nominal
 };
 
 /// Every view a pose of its own, held; all weights 1. Views with fewer than 8 corners are not `used`.

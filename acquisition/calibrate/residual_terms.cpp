@@ -91,16 +91,41 @@ class ViewPose {
   double angle_rad_ = 0;
 };
 
-/// Blocks: camera, pitch, pose [, axis, turn].
+// Numbers of the groups that may err together: kinds are apart by a million.
+constexpr int kKind = 1'000'000;
+/// A corner of the print, by its place to the millimetre.
+int place_of_corner(const Eigen::Vector2d& p_mm) {
+  return static_cast<int>(std::lround(p_mm.x())) * 1000 + static_cast<int>(std::lround(p_mm.y()));
+}
+int part_of_picture(const Eigen::Vector2d& p_px) {
+  constexpr double kPart_px = 160;
+  return static_cast<int>(std::lround(p_px.x() / kPart_px)) * 1000 + static_cast<int>(std::lround(p_px.y() / kPart_px));
+}
+/// A ray of a laser's fan: in the picture of the fan, where it is.
+int place_on_sheet(int laser, const Eigen::Vector2d& p_px) {
+  return (laser + 1) * kKind + part_of_picture(p_px);
+}
+
+/// Blocks: camera, print, pose [, axis, turn].
 class CornerTerm final : public ceres::CostFunction {
  public:
   CornerTerm(const Estimate& estimate, const ViewObservation& view) : pose_(estimate, view) {
     for (const CornerObservation& corner : view.corners) {
-      if (corner.weight > 0) corners_.push_back(corner);
+      if (!(corner.weight > 0)) continue;
+      corners_.push_back(corner);
+      shapes_.push_back(sag_shape(corner.p_mm, estimate.board_radius_mm));
     }
     set_num_residuals(2 * static_cast<int>(corners_.size()));
-    *mutable_parameter_block_sizes() = {9, 2, ViewPose::kOwn};
+    *mutable_parameter_block_sizes() = {9, 5, ViewPose::kOwn};
     if (pose_.turned()) mutable_parameter_block_sizes()->insert(parameter_block_sizes().end(), {ViewPose::kAxis, 1});
+  }
+
+  std::vector<Origin> origins(int view) const {
+    std::vector<Origin> out;
+    for (const CornerObservation& corner : corners_) {
+      out.insert(out.end(), 2, {{view, place_of_corner(corner.p_mm), part_of_picture(corner.p_px)}});
+    }
+    return out;
   }
 
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
@@ -110,7 +135,8 @@ class CornerTerm final : public ceres::CostFunction {
     for (std::size_t i = 0; i < corners_.size(); ++i) {
       const CornerObservation& corner = corners_[i];
       const double x = blocks[1][0] * corner.p_mm.x(), y = blocks[1][1] * corner.p_mm.y();
-      const Vector3d p_C = pose.R.col(0) * x + pose.R.col(1) * y + pose.t;
+      const double z = Eigen::Map<const Vector3d>(blocks[1] + 2).dot(shapes_[i]);
+      const Vector3d p_C = pose.R * Vector3d(x, y, z) + pose.t;
       if (!(p_C.z() > 0)) return false;
       const double inverse_z = 1 / p_C.z(), a = p_C.x() * inverse_z, b = p_C.y() * inverse_z;
       const Projection at = project(blocks[0], a, b);
@@ -123,11 +149,13 @@ class CornerTerm final : public ceres::CostFunction {
       by_point = (per_sigma * at.by_ray * by_point).eval();
       if (jacobians[0] != nullptr) JacobianMap(jacobians[0], count, 9).middleRows<2>(row) = per_sigma * at.by_camera;
       if (jacobians[1] != nullptr) {
-        JacobianMap by_pitch(jacobians[1], count, 2);
-        by_pitch.block<2, 1>(row, 0) = by_point * pose.R.col(0) * corner.p_mm.x();
-        by_pitch.block<2, 1>(row, 1) = by_point * pose.R.col(1) * corner.p_mm.y();
+        JacobianMap by_print(jacobians[1], count, 5);
+        by_print.block<2, 1>(row, 0) = by_point * pose.R.col(0) * corner.p_mm.x();
+        by_print.block<2, 1>(row, 1) = by_point * pose.R.col(1) * corner.p_mm.y();
+        by_print.block<2, 3>(row, 2) = by_point * pose.R.col(2) * shapes_[i].transpose();
       }
-      by_pose.middleRows<2>(row) = by_point * (x * pose.R_by.topRows<3>() + y * pose.R_by.middleRows<3>(3) + pose.t_by);
+      by_pose.middleRows<2>(row) = by_point * (x * pose.R_by.topRows<3>() + y * pose.R_by.middleRows<3>(3) +
+                                               z * pose.R_by.bottomRows<3>() + pose.t_by);
     }
     if (jacobians != nullptr) pose_.spread(by_pose, jacobians + 2);
     return true;
@@ -136,6 +164,7 @@ class CornerTerm final : public ceres::CostFunction {
  private:
   ViewPose pose_;
   std::vector<CornerObservation> corners_;
+  std::vector<Vector3d> shapes_;
 };
 
 /// A point of a line with its weight.
@@ -144,34 +173,45 @@ struct WeightedPoint {
   double per_sigma;  ///< 1/px
 };
 
-/// Blocks: camera, plane, pose [, axis, turn].
+/// Blocks: camera, plane, print, pose [, axis, turn]. Where on the board a point lies, for its sag, is taken from the
+/// estimate: it moves by micrometres.
 class LineTerm final : public ceres::CostFunction {
  public:
   LineTerm(const Estimate& estimate, const ViewObservation& view, const LineObservation& line)
       : pose_(estimate, view), plane_(estimate.planes[static_cast<std::size_t>(line.plane)]) {
     const Eigen::Isometry3d X_CB = calibrate::pose_of(estimate, view);
-    const Vector3d m = X_CB.linear().col(2);
     for (const PointObservation& point : line.points) {
       if (!(point.weight > 0)) continue;
-      const LineDistance at = line_distance(estimate.camera.data(), point.p_px, m, m.dot(X_CB.translation()),
-                                            plane_.normal_C, plane_.distance_mm);
-      if (at.exists && at.definite) points_.push_back({point.p_px, std::sqrt(point.weight) / point.sigma_px});
+      const LineOnBoard on_board = line_on_board(estimate, X_CB, point.p_px, plane_);
+      if (!on_board.at.exists || !on_board.at.definite) continue;
+      points_.push_back({point.p_px, std::sqrt(point.weight) / point.sigma_px});
+      shapes_.push_back(on_board.shape);
     }
     set_num_residuals(static_cast<int>(points_.size()));
-    *mutable_parameter_block_sizes() = {9, 3, ViewPose::kOwn};
+    *mutable_parameter_block_sizes() = {9, 3, 5, ViewPose::kOwn};
     if (pose_.turned()) mutable_parameter_block_sizes()->insert(parameter_block_sizes().end(), {ViewPose::kAxis, 1});
   }
 
+  std::vector<Origin> origins(int view) const {
+    std::vector<Origin> out;
+    for (const WeightedPoint& point : points_) {
+      out.push_back({{view, place_on_sheet(plane_.laser, point.p_px), part_of_picture(point.p_px)}});
+    }
+    return out;
+  }
+
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
-    const ViewPose::Value pose = pose_.at(blocks + 2);
+    const ViewPose::Value pose = pose_.at(blocks + 3);
     const MovedDirection normal = moved_direction(plane_.normal_C, plane_.tangents_C, blocks[1]);
     const double distance = normal.d.dot(plane_.anchor_C) + blocks[1][2];
+    const Eigen::Map<const Vector3d> sag_mm(blocks[2] + 2);
     const Eigen::Index count = num_residuals();
     Rows by_pose(jacobians != nullptr ? count : 0, ViewPose::kAll);
     const Vector3d m = pose.R.col(2);
     for (std::size_t i = 0; i < points_.size(); ++i) {
       const auto& [p_px, per_sigma] = points_[i];
-      const LineDistance at = line_distance(blocks[0], p_px, m, m.dot(pose.t), normal.d, distance);
+      const LineDistance at =
+          line_distance(blocks[0], p_px, m, m.dot(pose.t) + sag_mm.dot(shapes_[i]), normal.d, distance);
       if (!at.exists) return false;
       residuals[i] = per_sigma * at.distance_px;
       if (jacobians == nullptr) continue;
@@ -184,10 +224,13 @@ class LineTerm final : public ceres::CostFunction {
         JacobianMap(jacobians[1], count, 3).row(row) << per_height * by_normal.transpose() * normal.by, -per_height;
       }
       const double by_distance = by_point * at.foot.by_distance;
+      if (jacobians[2] != nullptr) {
+        JacobianMap(jacobians[2], count, 5).row(row) << 0, 0, by_distance * shapes_[i].transpose();
+      }
       const Eigen::RowVector3d by_m = by_point * at.foot.by_normal + by_distance * pose.t.transpose();
       by_pose.row(row) = by_m * pose.R_by.bottomRows<3>() + by_distance * m.transpose() * pose.t_by;
     }
-    if (jacobians != nullptr) pose_.spread(by_pose, jacobians + 2);
+    if (jacobians != nullptr) pose_.spread(by_pose, jacobians + 3);
     return true;
   }
 
@@ -195,6 +238,7 @@ class LineTerm final : public ceres::CostFunction {
   ViewPose pose_;
   PlaneEstimate plane_;
   std::vector<WeightedPoint> points_;
+  std::vector<Vector3d> shapes_;
 };
 
 /// Blocks: camera, plane, axis, platter.
@@ -265,23 +309,29 @@ std::unique_ptr<ceres::CostFunction> prior(const Eigen::VectorXd& mean, const Ei
 
 std::vector<Term> terms_of(const Observations& observations, const Estimate& estimate, Parameters& parameters) {
   std::vector<Term> terms;
-  const auto add = [&](std::unique_ptr<ceres::CostFunction> cost, std::vector<double*> blocks) {
-    if (cost->num_residuals() > 0) terms.push_back({std::move(cost), std::move(blocks)});
+  const auto add = [&](std::unique_ptr<ceres::CostFunction> cost, std::vector<double*> blocks,
+                       std::vector<Origin> origins = {}) {
+    if (cost->num_residuals() > 0) terms.push_back({std::move(cost), std::move(blocks), std::move(origins)});
   };
   for (const ViewObservation& view : observations.views) {
     if (!view.used) continue;
     std::vector<double*> pose = {parameters.poses[static_cast<std::size_t>(view.pose)].data()};
     if (view.turned() && estimate.axis) pose.insert(pose.end(), {parameters.axis.data(), &parameters.turn});
-    const auto with_pose = [&](double* second) {
-      std::vector<double*> blocks = {parameters.camera.data(), second};
+    const auto with_pose = [&](std::vector<double*> blocks) {
       blocks.insert(blocks.end(), pose.begin(), pose.end());
       return blocks;
     };
-    add(std::make_unique<CornerTerm>(estimate, view), with_pose(parameters.pitch.data()));
+    auto corners = std::make_unique<CornerTerm>(estimate, view);
+    std::vector<Origin> origins = corners->origins(view.view);
+    add(std::move(corners), with_pose({parameters.camera.data(), parameters.print.data()}), std::move(origins));
     for (const LineObservation& line : view.lines) {
       if (!line.used || line.plane < 0) continue;
-      add(std::make_unique<LineTerm>(estimate, view, line),
-          with_pose(parameters.planes[static_cast<std::size_t>(line.plane)].data()));
+      auto points = std::make_unique<LineTerm>(estimate, view, line);
+      origins = points->origins(view.view);
+      add(std::move(points),
+          with_pose({parameters.camera.data(), parameters.planes[static_cast<std::size_t>(line.plane)].data(),
+                     parameters.print.data()}),
+          std::move(origins));
     }
   }
   if (estimate.platter) {
@@ -296,9 +346,10 @@ std::vector<Term> terms_of(const Observations& observations, const Estimate& est
     A(0, 1) = A(1, 2) = 1 / kPlatterSlopePrior;
     add(std::make_unique<ceres::NormalPrior>(A, Eigen::Vector3d::Zero()), {parameters.platter.data()});
   }
-  add(prior(Eigen::Vector2d(observations.pitch_x.value, observations.pitch_y.value),
-            Eigen::Vector2d(observations.pitch_x.u, observations.pitch_y.u)),
-      {parameters.pitch.data()});
+  Eigen::Vector<double, 5> print, u_print;
+  print << observations.pitch_x.value, observations.pitch_y.value, 0, 0, 0;
+  u_print << observations.pitch_x.u, observations.pitch_y.u, kSagPrior_mm, kSagPrior_mm, kSagPrior_mm;
+  add(prior(print, u_print), {parameters.print.data()});
   return terms;
 }
 

@@ -54,13 +54,14 @@ Uncertainty::Uncertainty(const Estimate& estimate, SharedInformation information
   constexpr double kBeyondChance = 3.3;
   const double dof = std::max(1, information_.degrees_of_freedom), ratio = information_.chi_square / dof;
   if (ratio > 1 + kBeyondChance * std::sqrt(2 / dof)) inflation_ = std::sqrt(ratio);
-  information_.covariance *= inflation_ * inflation_;
+  information_.covariance =
+      with_shared_errors(inflation_ * inflation_ * information_.covariance, inflation_, information_.groupings);
   if (estimate.axis->turn < 0) {
     information_.covariance.row(layout_.turn) *= -1;
     information_.covariance.col(layout_.turn) *= -1;
   }
   RowVectorXd common = RowVectorXd::Zero(layout_.size);
-  common.segment<2>(layout_.pitch) = 0.5 * estimate.pitch.cwiseInverse().transpose();
+  common.segment<2>(layout_.print) = 0.5 * estimate.pitch.cwiseInverse().transpose();
   const Eigen::VectorXd with_scale = information_.covariance * common.transpose();
   known_scale_ = information_.covariance;
   const double variance = common * with_scale;
@@ -73,7 +74,7 @@ std::vector<std::string> Uncertainty::names() const {
     std::copy(names.begin(), names.end(), out.begin() + first);
   };
   put(layout_.camera, {"fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3"});
-  put(layout_.pitch, {"pitch_x", "pitch_y"});
+  put(layout_.print, {"pitch_x", "pitch_y", "board.sag_x_mm", "board.sag_xy_mm", "board.sag_y_mm"});
   put(layout_.axis, {"axis.tilt_x_rad", "axis.tilt_y_rad", "axis.x_mm", "axis.y_mm"});
   put(layout_.turn, {"encoder.scale"});
   for (std::size_t i = 0; i < layout_.planes.size(); ++i) {
@@ -86,7 +87,7 @@ std::vector<std::string> Uncertainty::names() const {
 
 double Uncertainty::scale() const {
   RowVectorXd common = RowVectorXd::Zero(layout_.size);
-  common.segment<2>(layout_.pitch) = 0.5 * estimate_.pitch.cwiseInverse().transpose();
+  common.segment<2>(layout_.print) = 0.5 * estimate_.pitch.cwiseInverse().transpose();
   return deviation(common, information_.covariance);
 }
 

@@ -173,7 +173,7 @@ std::vector<CalibrationStep> judge_lasers(const Observations& observations, cons
         seen.farthest > 0 ? (seen.farthest - seen.nearest) / (0.5 * (seen.farthest + seen.nearest)) : 0;
     judge.at_least("range of depth / depth", range, "", 0.15, 0.05, more);
     judge.at_most("the plane within the volume is known to", uncertainty.plane_place(plane, Uncertainty::Scale::known),
-                  " mm", 0.03, 0.15, more);
+                  " mm", 0.15, 0.5, more);
     if (seen.left_out > 0) {
       judge.at_most(
           "lines that do not lie in the plane and are left out:", 100.0 * seen.left_out / (seen.poses + seen.left_out),
@@ -213,8 +213,8 @@ CalibrationStep judge_axis(const Observations& observations, const Estimate& est
   const std::string wider = "leave the board on the platter and turn the table further, as long as the board is seen";
   judge.at_least("the board on the platter seen at", motions.views, " angles", 12, 5, wider);
   judge.at_least("turned by up to", motions.largest_span_rad / kDegree, " degrees", 60, 20, wider);
-  judge.at_most("u(direction)", uncertainty.worst_of_two(uncertainty.layout().axis), " rad", 3e-4, 1.5e-3, wider);
-  judge.at_most("u(position)", uncertainty.axis_place(Uncertainty::Scale::known), " mm", 0.05, 0.25, wider);
+  judge.at_most("u(direction)", uncertainty.worst_of_two(uncertainty.layout().axis), " rad", 6e-4, 3e-3, wider);
+  judge.at_most("u(position)", uncertainty.axis_place(Uncertainty::Scale::known), " mm", 0.15, 0.5, wider);
   for (std::size_t i = 0; i < estimate.planes.size(); ++i) {
     judge.at_most("u(distance from the plane of laser " + std::to_string(estimate.planes[i].laser) + ")",
                   uncertainty.axis_from_plane(i, Uncertainty::Scale::known), " mm", 0.03, 0.15, wider);
@@ -277,7 +277,7 @@ CalibrationStep judge_platter(const Estimate& estimate, const Observations& obse
   }
   judge.at_least("points on the bare platter:", used, "", 50, 10, show);
   judge.at_most("of them beside it:", 100.0 * off / (used + off), " %", 10, 50, show);
-  judge.at_most("u(z = 0)", uncertainty.of(uncertainty.layout().platter, Uncertainty::Scale::known), " mm", 0.1, 0.5,
+  judge.at_most("u(z = 0)", uncertainty.of(uncertainty.layout().platter, Uncertainty::Scale::known), " mm", 0.2, 1,
                 show);
   const int slopes = uncertainty.layout().platter + 1;
   const double slope = estimate.platter->slope.norm(), u = uncertainty.worst_of_two(slopes);

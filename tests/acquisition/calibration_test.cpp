@@ -49,6 +49,10 @@ std::vector<std::uint64_t> all_bits(const Calibration& c) {
   add(c.direction);
   add_measured(c.scale);
   add(c.systematic_mm);
+  add(c.u_drift_mm);
+  if (c.covariance) {
+    for (const double v : c.covariance->matrix.reshaped()) add(v);
+  }
   for (const Measured* m : {&c.time.stamp_offset_ns, &c.time.exposure_factor, &c.time.line_time_ns}) add_measured(*m);
   return out;
 }
@@ -106,6 +110,15 @@ RC_GTEST_PROP(Calibration, formatting_and_parsing_changes_no_bit, ()) {
   c.scale = near(1, 0.1);
   c.systematic_mm = u();
   c.time = {{any(), u()}, {any(), u()}, {any(), u()}};
+  if (uniform(random) < 0) c.u_drift_mm = u();
+  if (uniform(random) < 0) {
+    const std::vector<std::string> names = {"laser255.offset_mm", "fx_px", "k3", "axis.tilt_y_rad",
+                                            "platter.height_mm"};
+    const auto size = static_cast<Eigen::Index>(names.size());
+    const Eigen::MatrixXd root = Eigen::MatrixXd::NullaryExpr(size, 2, [&] { return uniform(random) + 1e-3; });
+    const Eigen::MatrixXd matrix = root * root.transpose();  // of rank 2: as near to the border as can be
+    c.covariance = CalibrationCovariance{names, 0.5 * (matrix + matrix.transpose())};
+  }
 
   const auto parsed = parse_calibration(format_calibration(c), "generated");
   RC_ASSERT(parsed.has_value());
@@ -114,6 +127,37 @@ RC_GTEST_PROP(Calibration, formatting_and_parsing_changes_no_bit, ()) {
   RC_ASSERT(parsed->camera == c.camera);
   RC_ASSERT(parsed->date == c.date);
   RC_ASSERT(parsed->simulated == c.simulated);
+  RC_ASSERT(parsed->covariance.has_value() == c.covariance.has_value());
+  if (c.covariance) RC_ASSERT(parsed->covariance->names == c.covariance->names);
+}
+
+/// The text of a calibration with a covariance, in which something was replaced.
+std::string with_covariance(const std::string& from, const std::string& to) {
+  Calibration c = test_calibration();
+  Eigen::Matrix2d matrix;
+  matrix << 4, -1, -1, 0.5;
+  c.covariance = CalibrationCovariance{{"axis.x_mm", "laser1.offset_mm"}, matrix};
+  std::string text = format_calibration(c);
+  const std::size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from << text;
+  return text.replace(at, from.size(), to);
+}
+
+TEST(Calibration, a_covariance_that_cannot_be_is_refused) {
+  EXPECT_TRUE(parse_calibration(with_covariance("names", "names"), "f"));
+  EXPECT_THAT(refusal(with_covariance("\"axis.x_mm\"", "\"axis.z_mm\"")), HasSubstr("no number of this calibration"));
+  EXPECT_THAT(refusal(with_covariance("laser1.offset", "laser7.offset")), HasSubstr("no number of this calibration"));
+  EXPECT_THAT(refusal(with_covariance("laser1.offset_mm", "axis.x_mm")), HasSubstr("stands twice"));
+  EXPECT_THAT(refusal(with_covariance("[\"axis.x_mm\", ", "[")), HasSubstr("array of 1 rows"));
+  EXPECT_THAT(refusal(with_covariance("[4.0]", "[4.0, 1.0]")), HasSubstr("array of 1 numbers"));
+  EXPECT_THAT(refusal(with_covariance("[4.0]", "[-4.0]")), HasSubstr("no covariance"));
+  EXPECT_THAT(refusal(with_covariance("[4.0]", "[1.0]")), HasSubstr("no covariance"));  // -1 is beyond sqrt(0.5)
+  EXPECT_THAT(refusal(with_covariance("[4.0]", "[nan]")), HasSubstr("finite"));
+}
+
+// Files of before the covariance.
+TEST(Calibration, version_1_0_is_read) {
+  EXPECT_TRUE(parse_calibration(with("version = \"1.1\"", "version = \"1.0\""), "f"));
 }
 
 // Written by escapes, so that the parser never meets them.
@@ -189,8 +233,8 @@ INSTANTIATE_TEST_SUITE_P(
         Nonsense{"simulated = false", "simulated = false\nextra = 1", "extra", "not a key"},
         Nonsense{"systematic_mm = 0.015", "systematic_mm = 0.015\nsystemic_mm = 1", "systemic_mm", "not a key"},
         Nonsense{"celadon-calibration\"", "horus-calibration\"", "format", "not a calibration file"},
-        Nonsense{"version = \"1.0\"", "version = \"1\"", "version", "MAJOR.MINOR"},
-        Nonsense{"version = \"1.0\"", "version = 1.0", "version", "text in quotes"}));
+        Nonsense{"version = \"1.1\"", "version = \"1\"", "version", "MAJOR.MINOR"},
+        Nonsense{"version = \"1.1\"", "version = 1.0", "version", "text in quotes"}));
 
 TEST(Calibration, a_matrix_that_is_no_rotation_is_refused) {
   Calibration c = test_calibration();
@@ -208,14 +252,14 @@ TEST(Calibration, a_calibration_without_lasers_is_refused) {
 }
 
 TEST(Calibration, a_newer_minor_version_is_read_and_a_newer_major_one_refused) {
-  std::string text = with("version = \"1.0\"", "version = \"1.7\"\nlift = { travel_mm = 90 }");
+  std::string text = with("version = \"1.1\"", "version = \"1.7\"\nlift = { travel_mm = 90 }");
   text.replace(text.find("systematic_mm"), 0, "shrinkage = 3\n");
   const auto parsed = parse_calibration(text, "f");
   ASSERT_TRUE(parsed) << parsed.error().message;
   EXPECT_EQ(all_bits(*parsed), all_bits(test_calibration()));
-  EXPECT_THAT(refusal(with("version = \"1.0\"", "version = \"2.0\"")),
+  EXPECT_THAT(refusal(with("version = \"1.1\"", "version = \"2.0\"")),
               AllOf(HasSubstr("\"2.0\""), HasSubstr("update Celadon")));
-  EXPECT_THAT(refusal(with("version = \"1.0\"", "version = \"0.9\"")), HasSubstr("calibrate again"));
+  EXPECT_THAT(refusal(with("version = \"1.1\"", "version = \"0.9\"")), HasSubstr("calibrate again"));
 }
 
 TEST(Calibration, a_check_names_both_values) {

@@ -132,6 +132,7 @@ TEST(CalibrationTerms, DerivativesAreThoseOfTheResiduals) {
   }
   for (LineObservation& line : observations->platter) line.plane = line.laser;
   Parameters parameters(estimate);
+  parameters.print = {1.002, 0.997, 0.005, -0.003, 0.008};
   for (double& x : parameters.axis) x = 2e-3;
   for (auto& plane : parameters.planes) plane = {1e-3, -2e-3, 0.1};
   for (auto& pose : parameters.poses) pose = {0.01, -0.02, 0.005, 0.3, -0.2, 0.1};
@@ -165,10 +166,11 @@ TEST(CalibrationTerms, DerivativesAreThoseOfTheResiduals) {
       }
     }
   }
-  EXPECT_EQ(kinds[1], 2);  // priors
-  EXPECT_EQ(kinds[4], 2);  // platter
-  EXPECT_GE(kinds[3], 6);  // held corners and lines
-  EXPECT_GE(kinds[5], 3);  // turned ones
+  EXPECT_EQ(kinds[1], 2);      // priors
+  EXPECT_EQ(kinds[3], 3);      // held corners
+  EXPECT_EQ(kinds[4], 2 + 4);  // platter, lines on held boards
+  EXPECT_EQ(kinds[5], 2);      // turned corners
+  EXPECT_GE(kinds[6], 1);      // lines on a turned board
 }
 
 struct Scene {
@@ -224,7 +226,7 @@ TEST(CalibrationTerms, CovarianceIsTheBlockOfTheWholeInverse) {
   const SharedLayout layout(estimate);
   Parameters parameters(estimate);
   std::map<const double*, int> column = {{parameters.camera.data(), layout.camera},
-                                         {parameters.pitch.data(), layout.pitch},
+                                         {parameters.print.data(), layout.print},
                                          {parameters.axis.data(), layout.axis},
                                          {&parameters.turn, layout.turn},
                                          {parameters.platter.data(), layout.platter}};
@@ -272,6 +274,7 @@ TEST(CalibrationTerms, RadiusUncertaintyIsTheSpreadOfDrawnCalibrations) {
     const VolumePoint place = volume[k];
     SharedInformation information = shared_information(scene.observations, estimate);
     information.chi_square = information.degrees_of_freedom;  // no more than stated
+    information.groupings.clear();
     const Eigen::MatrixXd C = information.covariance;
     const Uncertainty uncertainty(estimate, std::move(information), {place});
     const SharedLayout& layout = uncertainty.layout();
@@ -297,7 +300,7 @@ TEST(CalibrationTerms, RadiusUncertaintyIsTheSpreadOfDrawnCalibrations) {
       const Vector3d v = ray_of(drawn.camera.data(), place.p_px).v;
       const Vector3d p = v * plane.distance_mm / plane.normal_C.dot(v);
       radii[draw] = (p - drawn.axis->point_C).cross(drawn.axis->direction_C).norm();
-      scales[draw] = 0.5 * (x[layout.pitch] + x[layout.pitch + 1]);
+      scales[draw] = 0.5 * (x[layout.print] + x[layout.print + 1]);
     }
     const Eigen::VectorXd r = radii.array() - radii.mean(), s = scales.array() - scales.mean();
     const double slope = r.dot(s) / s.squaredNorm();

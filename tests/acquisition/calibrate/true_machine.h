@@ -6,6 +6,7 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <numbers>
 #include <random>
 #include <vector>
@@ -16,7 +17,25 @@ namespace celadon::test {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
+/// What a real machine does beyond the calibrated model; none of it by default. README.md of the campaigns has sizes.
+struct BeyondModel {
+  // The print: out of flatness at its rim, against its middle; and each corner's own error.
+  double bow_mm = 0, print_mm = 0;
+  // The lens: a ripple over the picture, period 430 px, that no polynomial of the model follows.
+  double ripple_px = 0;
+  // The sheet: out of its plane by bow_per_mm s^2, s from the axis towards the camera.
+  double sheet_bow_per_mm = 0;
+  // The spindle: twice a turn, in and across the radius, along and about the axis; once a turn, the encoder.
+  double radial_mm = 0, axial_mm = 0, wobble_rad = 0, encoder_rad = 0, phase_rad = 0;
+  // What extraction adds to all points of one line, and to all corners of one picture.
+  double line_bias_px = 0, corner_bias_px = 0;
+  // Standard deviation of the camera's turn about its vertical from view to view, and from the last one to a scan.
+  double warming_rad = 0;
+};
+
 struct TrueMachine {
+  BeyondModel beyond;
+  double camera_turn_rad = 0;  ///< about its own vertical, at this time
   int width_px = 1280, height_px = 1024;
   std::array<double, 9> camera = {2100, 2102, 645.8, 507.4, -0.12, 0.05, 4e-4, -3e-4, 0.01};
   Eigen::Isometry3d X_CW = Eigen::Isometry3d::Identity();  ///< z the axis upward, origin on the platter
@@ -47,20 +66,39 @@ struct TrueMachine {
     sheets = {sheet(0, 0, 0.13, 0.004), sheet(1, 2 * kBeside, -0.21, -0.003)};
   }
 
-  Eigen::Vector2d project(const Eigen::Vector3d& p_C) const {
+  Eigen::Vector2d project(const Eigen::Vector3d& cold_C) const {
     const auto& [fx, fy, cx, cy, k1, k2, p1, p2, k3] = camera;
+    const double turn = camera_turn_rad;
+    const Eigen::Vector3d p_C(cold_C.x() - turn * cold_C.z(), cold_C.y(), cold_C.z() + turn * cold_C.x());
     const double a = p_C.x() / p_C.z(), b = p_C.y() / p_C.z(), s = a * a + b * b;
     const double g = 1 + k1 * s + k2 * s * s + k3 * s * s * s;
-    return {fx * (a * g + 2 * p1 * a * b + p2 * (s + 2 * a * a)) + cx,
-            fy * (b * g + p1 * (s + 2 * b * b) + 2 * p2 * a * b) + cy};
+    const Eigen::Vector2d p(fx * (a * g + 2 * p1 * a * b + p2 * (s + 2 * a * a)) + cx,
+                            fy * (b * g + p1 * (s + 2 * b * b) + 2 * p2 * a * b) + cy);
+    if (beyond.ripple_px == 0) return p;
+    constexpr double kPerPx = 2 * std::numbers::pi / 430;
+    return p + beyond.ripple_px *
+                   Eigen::Vector2d(std::sin(kPerPx * (p.x() + 0.4 * p.y())), std::cos(kPerPx * (p.y() - 0.3 * p.x())));
   }
   bool in_picture(const Eigen::Vector2d& p) const {
     return p.x() >= 2 && p.y() >= 2 && p.x() <= width_px - 3 && p.y() <= height_px - 3;
   }
   Eigen::Vector3d normal_C(const Sheet& sheet) const { return X_CW.linear() * sheet.normal_W; }
   double distance_C(const Sheet& sheet) const { return sheet.distance_mm + normal_C(sheet).dot(X_CW.translation()); }
-  Eigen::Isometry3d turned(double encoder_rad) const {
-    return X_CW * Eigen::AngleAxisd(direction * encoder_scale * encoder_rad, Eigen::Vector3d::UnitZ());
+  /// The table's frame in the scanner's.
+  Eigen::Isometry3d table_at(double encoder_rad) const {
+    const double angle = direction * encoder_scale * (encoder_rad + beyond.encoder_rad * std::sin(encoder_rad + 0.8));
+    const double twice = 2 * angle + beyond.phase_rad;
+    Eigen::Isometry3d motion = Eigen::Isometry3d::Identity();
+    motion.translation() << beyond.radial_mm * std::cos(twice), beyond.radial_mm * std::sin(twice + 0.9),
+        beyond.axial_mm * std::cos(twice + 2);
+    motion.linear() =
+        Eigen::AngleAxisd(beyond.wobble_rad * std::cos(twice + 3), Eigen::Vector3d::UnitX()).toRotationMatrix();
+    return motion * Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ());
+  }
+  Eigen::Isometry3d turned(double encoder_rad) const { return X_CW * table_at(encoder_rad); }
+  /// How far the sheet is out of its plane at a place of the scanner frame, along the plane's normal.
+  double sheet_bow_mm(const Eigen::Vector3d& p_W) const {
+    return beyond.sheet_bow_per_mm * p_W.head<2>().squaredNorm();
   }
 };
 
@@ -73,14 +111,27 @@ struct Noise {
 class Viewer {
  public:
   Viewer(const TrueMachine& machine, const TargetBoard& board, std::uint64_t seed, Noise noise)
-      : machine_(machine), board_(board), random_(seed), noise_(noise) {}
+      : machine_(machine), board_(board), random_(seed), noise_(noise), print_seed_(seed) {}
 
   std::mt19937_64& random() { return random_; }
   double uniform(double lo, double hi) { return std::uniform_real_distribution<double>(lo, hi)(random_); }
   double normal() { return std::normal_distribution<double>()(random_); }
 
+  TrueMachine& machine() { return machine_; }
   Eigen::Vector3d on_board(const Eigen::Isometry3d& X_CB, const Eigen::Vector2d& p_mm) const {
-    return X_CB * Eigen::Vector3d(machine_.pitch.x() * p_mm.x(), machine_.pitch.y() * p_mm.y(), 0);
+    return X_CB * Eigen::Vector3d(machine_.pitch.x() * p_mm.x(), machine_.pitch.y() * p_mm.y(), bow_mm(p_mm));
+  }
+  double bow_mm(const Eigen::Vector2d& p_mm) const {
+    const double rim = 0.5 * board_.square_mm() * board_.columns();
+    return machine_.beyond.bow_mm * p_mm.squaredNorm() / (rim * rim);
+  }
+  /// Each corner's own error of print, the same in all views.
+  Eigen::Vector2d print_error(int id) const {
+    if (machine_.beyond.print_mm == 0) return Eigen::Vector2d::Zero();
+    std::mt19937_64 of_corner(print_seed_ + 1000003ull * static_cast<std::uint64_t>(id));
+    std::normal_distribution<double> error(0, machine_.beyond.print_mm);
+    const double x = error(of_corner);
+    return {x, error(of_corner)};
   }
   bool whole(const Eigen::Isometry3d& X_CB) const {
     for (const BoardCorner& corner : board_.corners()) {
@@ -91,29 +142,40 @@ class Viewer {
   }
   std::vector<SeenCorner> corners(const Eigen::Isometry3d& X_CB) {
     std::vector<SeenCorner> out;
+    Eigen::Vector2d bias = Eigen::Vector2d::Zero();
+    if (machine_.beyond.corner_bias_px > 0) bias = machine_.beyond.corner_bias_px * Eigen::Vector2d(normal(), normal());
     for (const BoardCorner& corner : board_.corners()) {
-      const Eigen::Vector2d p = machine_.project(on_board(X_CB, corner.p_mm));
+      const Eigen::Vector2d p = machine_.project(on_board(X_CB, corner.p_mm + print_error(corner.id))) + bias;
       if (!machine_.in_picture(p)) continue;
       out.push_back({corner.id, p + drawn(noise_.corner_px) * Eigen::Vector2d(normal(), normal()), noise_.corner_px});
     }
     return out;
   }
   /// The laser's line on a plane, from `middle` along the line to both sides.
+  static double flat(const Eigen::Vector3d&) { return 0; }
+  /// `raised_mm` of a place of the plane: how high the surface is over it there.
   SeenLine line(const TrueMachine::Sheet& sheet, const Eigen::Vector3d& plane_normal_C, const Eigen::Vector3d& middle_C,
-                double half_length_mm, double step_mm) {
+                double half_length_mm, double step_mm,
+                const std::function<double(const Eigen::Vector3d&)>& raised_mm = flat) {
     SeenLine out;
     out.laser = sheet.laser;
     const Eigen::Vector3d n = machine_.normal_C(sheet), along = n.cross(plane_normal_C).normalized();
     // From the middle to the laser plane within the other plane.
     const Eigen::Vector3d across = plane_normal_C.cross(along);
     const Eigen::Vector3d foot = middle_C + across * ((machine_.distance_C(sheet) - n.dot(middle_C)) / n.dot(across));
+    const double bias = machine_.beyond.line_bias_px > 0 ? machine_.beyond.line_bias_px * normal() : 0;
+    const Eigen::Isometry3d X_WC = machine_.X_CW.inverse();
     for (double s = -half_length_mm; s <= half_length_mm; s += step_mm) {
-      const Eigen::Vector3d p_C = foot + s * along;
+      const Eigen::Vector3d flat_C = foot + s * along;
+      // Where the bowed sheet meets the other plane.
+      const Eigen::Vector3d on_plane_C = flat_C + across * (machine_.sheet_bow_mm(X_WC * flat_C) / n.dot(across));
+      const Eigen::Vector3d up_sheet = along.cross(n);
+      const Eigen::Vector3d p_C = on_plane_C + up_sheet * (raised_mm(on_plane_C) / up_sheet.dot(plane_normal_C));
       const Eigen::Vector2d p = machine_.project(p_C);
       if (!machine_.in_picture(p)) continue;
       const Eigen::Vector2d tangent = (machine_.project(p_C + 1e-3 * along) - p).normalized();
       out.points.push_back(
-          {p + drawn(noise_.line_px) * normal() * Eigen::Vector2d(-tangent.y(), tangent.x()), noise_.line_px});
+          {p + (bias + drawn(noise_.line_px) * normal()) * Eigen::Vector2d(-tangent.y(), tangent.x()), noise_.line_px});
     }
     return out;
   }
@@ -121,7 +183,8 @@ class Viewer {
     std::vector<SeenLine> out;
     const double half = 0.45 * board_.square_mm() * board_.rows();
     for (const auto& sheet : machine_.sheets) {
-      SeenLine seen = line(sheet, X_CB.linear().col(2), X_CB.translation(), half, step_mm);
+      SeenLine seen = line(sheet, X_CB.linear().col(2), X_CB.translation(), half, step_mm,
+                           [&](const Eigen::Vector3d& p_C) { return bow_mm((X_CB.inverse() * p_C).head<2>()); });
       if (seen.points.size() > 20) out.push_back(std::move(seen));
     }
     return out;
@@ -155,6 +218,7 @@ class Viewer {
   TargetBoard board_;
   std::mt19937_64 random_;
   Noise noise_;
+  std::uint64_t print_seed_;
 };
 
 /// How much is seen.
@@ -171,6 +235,9 @@ inline CalibrationInput seen_of(const TrueMachine& machine, std::uint64_t seed, 
   input.width_px = machine.width_px;
   input.height_px = machine.height_px;
   Viewer viewer(machine, input.board, seed, noise);
+  const auto warm = [&] {
+    if (machine.beyond.warming_rad > 0) viewer.machine().camera_turn_rad = machine.beyond.warming_rad * viewer.normal();
+  };
   const auto held = [&](bool with_lines) {
     for (int attempt = 0; attempt < 10000; ++attempt) {
       const double spread = with_lines ? 0.25 : 0.5;
@@ -179,6 +246,7 @@ inline CalibrationInput seen_of(const TrueMachine& machine, std::uint64_t seed, 
                       (0.5 + viewer.uniform(-spread, spread)) * machine.height_px, viewer.uniform(250, 360),
                       viewer.uniform(0, programme.largest_lean_rad));
       if (!viewer.whole(X_CB)) continue;
+      warm();
       BoardView view;
       view.corners = viewer.corners(X_CB);
       if (with_lines) view.lines = viewer.lines(X_CB, programme.line_step_mm);
@@ -194,6 +262,7 @@ inline CalibrationInput seen_of(const TrueMachine& machine, std::uint64_t seed, 
         viewer.standing(30 * kDegree - machine.direction * machine.encoder_scale * middle, viewer.uniform(0.1, 0.35),
                         viewer.uniform(42, 60), {viewer.uniform(-20, 20), viewer.uniform(-20, 20)});
     for (int k = 0; k < programme.angles; ++k) {
+      warm();
       BoardView view;
       view.placement = placement;
       view.encoder_rad = middle + (k - 0.5 * (programme.angles - 1)) * programme.angle_step_rad;
@@ -220,7 +289,7 @@ inline Eigen::VectorXd errors_of(const CalibrationSolution& solution, const True
   std::vector<double> camera = {m.fx_px.value, m.fy_px.value, m.cx_px.value, m.cy_px.value};
   for (const Measured& k : m.distortion) camera.push_back(k.value);
   for (std::size_t i = 0; i < 9; ++i) out.push_back(camera[i] - machine.camera[i]);
-  out.insert(out.end(), {0, 0});  // of the pitch the calibration holds no value
+  out.insert(out.end(), 5, 0);  // of pitch and sag the calibration holds no value
   const Eigen::Isometry3d X_WC = c.axis.X_CW.inverse(), true_in_solved = X_WC * machine.X_CW;
   const Eigen::Vector3d direction = true_in_solved.linear().col(2), origin = true_in_solved.translation();
   const Eigen::Vector3d crossing = origin - direction * (origin.z() / direction.z());
