@@ -8,14 +8,15 @@
 namespace celadon {
 namespace {
 
-constexpr int kEvidenceRows = 6;  ///< fewer are no evidence
-constexpr int kBridgedRows = 32;  ///< a strand goes on beyond a shorter one
-constexpr int kYoungGapRows = 4;  ///< ends a strand that has only begun
+constexpr int kEvidenceRows = 6;        ///< fewer are no evidence
+constexpr int kBridgedRows = 32;        ///< a strand goes on beyond a shorter one
+constexpr int kYoungGapRows = 4;        ///< ends a strand that has only begun
+constexpr std::size_t kReachRows = 64;  ///< before the first row with two peaks and after the last: enough for evidence
 /// Coarse peaks are even pixels, moved by noise and speckle. Two peaks of a row are 28 px apart at least.
 constexpr float kGate_px = 6, kWidestGate_px = 14;
 constexpr float kGateGrowth_px = 0.25f;  ///< a row of gap
 constexpr float kSteepestStart_px = 2;   ///< a row, of a strand whose slope is not known yet
-constexpr float kSlopeMemory_rows = 8;
+constexpr int kSlopeMemory_rows = 8;
 /// Nearer to each other than this, two strands may have become one peak: how they go on tells nothing of either.
 constexpr int kMergingPx = 48;
 constexpr int kPrevious_px = 10;  ///< from a frame to the next a line moves less
@@ -39,9 +40,10 @@ struct Strand {
   }
   bool ended(int row) const { return row - last_row > (rows < kEvidenceRows ? kYoungGapRows : kBridgedRows); }
   void take(int row, int px) {
-    const auto gap = static_cast<float>(row - last_row);
-    const float memory = std::min(static_cast<float>(rows), kSlopeMemory_rows);
-    slope += ((static_cast<float>(px) - x_px) / gap - slope) / memory;
+    const int gap = row - last_row;
+    const float change = static_cast<float>(px) - x_px;
+    const float shown = gap == 1 ? change : change / static_cast<float>(gap);
+    slope += (shown - slope) * (rows < kSlopeMemory_rows ? 1 / static_cast<float>(rows) : 1.f / kSlopeMemory_rows);
     x_px = static_cast<float>(px);
     last_row = row;
     ++rows;
@@ -94,13 +96,19 @@ class Strands {
 
  private:
   void add(int row, const PeakPair& pair) {
-    std::erase_if(active_, [&](int s) { return strands_[static_cast<std::size_t>(s)].ended(row); });
+    if (pair.first_px < 0) return;
     RowStrands& mine = of_row_[static_cast<std::size_t>(row)];
     std::array<float, 2> miss{Strand::kNever, Strand::kNever};
-    for (int which = 0; which < 2 && peak_of(pair, which) >= 0; ++which) {
-      const auto w = static_cast<std::size_t>(which);
-      for (const int s : active_) {
-        const float m = strands_[static_cast<std::size_t>(s)].miss_px(row, peak_of(pair, which));
+    for (std::size_t i = active_.size(); i-- > 0;) {
+      const int s = active_[i];
+      const Strand& strand = strands_[static_cast<std::size_t>(s)];
+      if (strand.ended(row)) {
+        active_.erase(active_.begin() + static_cast<std::ptrdiff_t>(i));
+        continue;
+      }
+      for (int which = 0; which < 2 && peak_of(pair, which) >= 0; ++which) {
+        const auto w = static_cast<std::size_t>(which);
+        const float m = strand.miss_px(row, peak_of(pair, which));
         if (m < miss[w]) miss[w] = m, mine[w] = s;
       }
     }
@@ -202,8 +210,17 @@ std::vector<Rivals> judged_rivals(std::span<const PeakPair> peaks, std::span<con
 void choose_peaks(std::span<const PeakPair> peaks, std::span<const LineRow> rows, std::span<const LineRow> previous,
                   std::vector<PeakChoice>& choices) {
   choices.clear();
-  const auto pairs = std::count_if(peaks.begin(), peaks.end(), [](const PeakPair& p) { return p.second_px >= 0; });
-  if (pairs < kEvidenceRows) return;
+  const auto is_pair = [](const PeakPair& p) { return p.second_px >= 0; };
+  const auto first_pair = std::find_if(peaks.begin(), peaks.end(), is_pair);
+  if (std::count_if(first_pair, peaks.end(), is_pair) < kEvidenceRows) return;
+  const auto last_pair = std::find_if(peaks.rbegin(), peaks.rend(), is_pair).base();
+  const auto before = static_cast<std::size_t>(first_pair - peaks.begin());
+  const std::size_t begin = before - std::min(before, kReachRows);
+  const std::size_t count =
+      std::min(static_cast<std::size_t>(last_pair - peaks.begin()) + kReachRows, peaks.size()) - begin;
+  peaks = peaks.subspan(begin, count);
+  rows = rows.subspan(begin, count);
+  if (!previous.empty()) previous = previous.subspan(begin, count);
   const Strands strands(peaks);
   std::vector<Rivals> all = judged_rivals(peaks, previous, strands);
   // A strand that is alone in a row: a reflection whose line is hidden there, or one of two that nobody can tell apart.
@@ -219,15 +236,16 @@ void choose_peaks(std::span<const PeakPair> peaks, std::span<const LineRow> rows
     const int number = static_cast<int>(row);
     const bool placed = is_placed(rows[row]);
     if (first == kNoStrand) continue;
+    const int frame_row = static_cast<int>(begin + row);
     if (second == kNoStrand) {
-      if (placed && doubtful(first, number)) choices.push_back({number});
+      if (placed && doubtful(first, number)) choices.push_back({frame_row});
       continue;
     }
     const Rivals& rivals = rivals_of(all, strands.of_row(row));
     if (rivals.winner == second || (rivals.winner == first && rows[row].status == RowStatus::ambiguous)) {
-      choices.push_back({number, peak_of(peaks[row], rivals.winner == first ? 0 : 1)});
+      choices.push_back({frame_row, peak_of(peaks[row], rivals.winner == first ? 0 : 1)});
     } else if (placed && rivals.undecidable()) {
-      choices.push_back({number});
+      choices.push_back({frame_row});
     }
   }
 }
