@@ -49,5 +49,5 @@ add_custom_target(laser_line_tests_arm64 ALL DEPENDS "${arm64_program}")
 
 # A processor that is emulated is slow: those that do the same many times over for the sake of statistics are left out.
 add_test(NAME LaserLineOnArm64 COMMAND "${CELADON_ARM64_QEMU}" "${arm64_program}"
-  "--gtest_filter=-*NoBias*:*NoiseIsNoLine*:*Defaults*:*AnyStride*:*GivesTheRows*")
-set_tests_properties(LaserLineOnArm64 PROPERTIES TIMEOUT 300 LABELS unit)
+  "--gtest_filter=-*NoBias*:*NoiseIsNoLine*:*Defaults*:*AnyStride*:*GivesTheRows*:*OcclusionEdges*:*WithoutASecondLine*")
+set_tests_properties(LaserLineOnArm64 PROPERTIES TIMEOUT 300)
