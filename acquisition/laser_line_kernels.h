@@ -6,6 +6,7 @@
 #include <span>
 
 #include "acquisition/laser_line.h"
+#include "acquisition/line_continuity.h"
 
 namespace celadon::line_kernels {
 
@@ -18,6 +19,9 @@ inline constexpr int kPaddingCells = 128;  ///< before and after a decimated row
 inline constexpr int kRowCells = kMaximumWidthPx / 4 + 2 * kPaddingCells;
 inline constexpr int kWindowPx = 64;   ///< pixels cut out about the coarse peak
 inline constexpr int kBlockRows = 16;  ///< rows of the image worked on together, one per SIMD lane
+
+inline constexpr int kStripPx = 128;  ///< columns that are turned into rows together: two lines of the cache
+inline constexpr int kTilePx = 16;    ///< columns and rows that are turned in registers
 
 inline constexpr int kRowsInWork = 5;  ///< rows that the coarse search works on at once, each at another step
 
@@ -41,6 +45,7 @@ struct Scratch {
   alignas(64) std::int16_t cut[kBlockRows][kWindowPx];     ///< signal about the coarse peak
   alignas(64) std::int16_t usable[kBlockRows][kWindowPx];  ///< 0: saturated or outside the frame; else -1
   Window window[kBlockRows];
+  int frame_row[kBlockRows];  ///< row of the frame that each row of the block is
   /// Row of each lane: rows with whole windows from lane 0 up, those with partial ones up to the last lane, so that
   /// each kind fills as few vectors as it can.
   int row[kBlockRows];
@@ -60,6 +65,7 @@ struct Scratch {
   alignas(64) float good[kBlockRows];  ///< 1 if the row has a line
 };
 
+/// Rows of a frame, or columns that were turned into rows.
 struct Job {
   Signal signal = Signal::grey;
   const std::uint8_t* on = nullptr;
@@ -68,10 +74,27 @@ struct Job {
   int width_px = 0, height_px = 0;
   LaserLineOptions options;
   std::span<LineRow> rows;
+  std::span<PeakPair> peaks;           ///< extract() fills them, one per row
+  std::span<const PeakChoice> chosen;  ///< what refine_chosen() refines
   Scratch* scratch = nullptr;
 };
 
+/// Columns of a frame, to be turned into rows of a grey picture.
+struct Strip {
+  Signal signal = Signal::grey;  ///< limited to 0..255
+  const std::uint8_t* frame = nullptr;
+  std::size_t stride_bytes = 0;
+  int height_px = 0;               ///< of the frame, at least kTilePx
+  int first_px = 0, width_px = 0;  ///< columns; at least kTilePx, both even for YUYV
+  std::uint8_t* out = nullptr;     ///< column first_px + i begins at out + i * out_stride_bytes
+  std::size_t out_stride_bytes = 0;
+};
+
+/// Rows and their peaks, from bytes to positions.
 void extract(const Job& job);
+/// The chosen rows anew, each about the peak that was chosen; ambiguous where that is no line.
+void refine_chosen(const Job& job);
+void turn_strip(const Strip& strip);
 const char* simd_target();
 
 }  // namespace celadon::line_kernels

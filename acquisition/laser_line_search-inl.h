@@ -248,8 +248,18 @@ HWY_INLINE Vertex vertex_at(const std::uint8_t* scores, int cell) {
 
 struct CoarsePeak {
   RowStatus status = RowStatus::no_line;
-  int center_px = kWindowPx / 2;  ///< of status found, even
+  int center_px = kWindowPx / 2;  ///< of status found or ambiguous, even
+  int second_px = -1;             ///< of the second peak, if it could be the line
 };
+
+/// The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
+HWY_INLINE int center_of(int cell, const Vertex& vertex) {
+  const int offset_px = 2 * (static_cast<int>(2 * vertex.offset_cells() + 16.25f) - 16);
+  return 4 * cell + 4 + offset_px;
+}
+
+/// A second peak below this share of the first is no line that only looks fainter than its reflection.
+inline constexpr float kSecondShare = 1.f / 3;
 
 inline constexpr int kBlankCells = 6;  ///< on each side of a peak
 
@@ -303,22 +313,28 @@ HWY_INLINE TopScore take_top(std::uint8_t* scores, int cell_count, V8 highest) {
   return top;
 }
 
-/// What the top that was taken out is, next to what is left: status found with a center, or why there is none.
+/// What the top that was taken out is, next to what is left: status found or ambiguous with centers, or no line.
 HWY_INLINE CoarsePeak judge(const TopScore& top, const std::uint8_t* scores, int cell_count,
                             const LaserLineOptions& options) {
   const ScoreTotals left = totals_of(scores, cell_count);
   if (top.vertex.score < options.minimum_contrast) return {};
+  CoarsePeak peak{RowStatus::found, center_of(top.cell, top.vertex)};
   const float share = static_cast<float>(options.ambiguous_percent) * 0.01f;
   // A vertex is at most an eighth of its score higher than the score.
-  if (static_cast<float>(left.highest) * 1.125f > share * static_cast<float>(top.vertex.score)) {
-    const Vertex second = vertex_at(scores, first_cell_of(scores, cell_count, left.highest));
-    if (second.height() > share * top.vertex.height()) return {.status = RowStatus::ambiguous};
+  if (static_cast<float>(left.highest) * 1.125f > HWY_MIN(share, kSecondShare) * static_cast<float>(top.vertex.score)) {
+    const int cell = first_cell_of(scores, cell_count, left.highest);
+    const Vertex second = vertex_at(scores, cell);
+    if (second.height() > kSecondShare * top.vertex.height() && left.highest >= options.minimum_contrast) {
+      peak.second_px = center_of(cell, second);
+    }
+    if (second.height() > share * top.vertex.height()) {
+      peak.status = RowStatus::ambiguous;
+      return peak;
+    }
   }
   const int blanked = HWY_MIN(top.cell + kBlankCells, cell_count - 1) - HWY_MAX(top.cell - kBlankCells, 0) + 1;
   if (top.vertex.score * (cell_count - blanked) < kNoiseFactor * left.sum) return {};
-  // The even pixel nearest to 4 cell + 3.5, the middle of the 8 pixels, and the vertex's offset.
-  const int offset_px = 2 * (static_cast<int>(2 * top.vertex.offset_cells() + 16.25f) - 16);
-  return {RowStatus::found, 4 * top.cell + 4 + offset_px};
+  return peak;
 }
 
 }  // namespace HWY_NAMESPACE

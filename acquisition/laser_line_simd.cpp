@@ -8,6 +8,7 @@
 
 #include "acquisition/laser_line_kernels.h"
 #include "acquisition/laser_line_search-inl.h"
+#include "acquisition/line_strip-inl.h"
 #include "acquisition/line_window-inl.h"
 #include "acquisition/quasi_ml-inl.h"
 #include "hwy/cache_control.h"
@@ -58,6 +59,31 @@ class RowRequest {
   const std::uint8_t* bytes_;
 };
 
+/// Positions of the windows that were cut, written to their rows; those without a window are left.
+HWY_INLINE void refine_windows(const Job& job) {
+  Scratch& s = *job.scratch;
+  bool any_whole = false, any_partial = false;
+  for (const Window& window : s.window) {
+    any_whole = any_whole || window.kind == WindowKind::whole;
+    any_partial = any_partial || window.kind == WindowKind::partial;
+  }
+  const auto refine = [&](auto&& refine_rows, WindowKind kind) {
+    refine_rows(s, job.options);
+    for (int lane = 0; lane < kBlockRows; ++lane) {
+      if (s.kind[lane] != kind) continue;
+      write_row(s, lane, job.width_px, job.rows[static_cast<std::size_t>(s.frame_row[s.row[lane]])]);
+    }
+  };
+  if (!any_whole && !any_partial) return;
+  assign_lanes(s, any_partial);
+  transpose(s.cut, s.row, s.signal);
+  if (any_whole) refine(refine_block<false>, WindowKind::whole);
+  if (any_partial) {
+    transpose(s.usable, s.row, s.usable_signal);
+    refine(refine_block<true>, WindowKind::partial);
+  }
+}
+
 template <Signal kSignal, bool kSubtract>
 void extract_block(const Job& job, int first_row, int row_count) {
   Scratch& s = *job.scratch;
@@ -71,7 +97,6 @@ void extract_block(const Job& job, int first_row, int row_count) {
                            HWY_ATTR { return RowRequest(frame, job.stride_bytes, row_bytes, row, job.height_px); };
   TopScore top[kRowsInWork];
   CoarsePeak peaks[kBlockRows];
-  int whole = 0, partial = 0;
   for (int i = row_count; i < kBlockRows; ++i) s.window[i].kind = WindowKind::none;
   // A row's five steps in five turns: its stores are in the cache when it is read again.
   for (int turn = 0; turn < row_count + kRowsInWork - 1; ++turn) {
@@ -105,58 +130,92 @@ void extract_block(const Job& job, int first_row, int row_count) {
       peaks[i] = judge(top[slot], s.scores[slot] + kPaddingCells, cell_count, job.options);
     });
     in_turn(4, [&](int i, int) {
-      const bool found = peaks[i].status == RowStatus::found;
+      const bool found = peaks[i].status == RowStatus::found, none = peaks[i].status == RowStatus::no_line;
+      s.frame_row[i] = first_row + i;
       LineRow& row = job.rows[static_cast<std::size_t>(first_row + i)];
       row = {};
       row.status = found ? RowStatus::no_line : peaks[i].status;
+      job.peaks[static_cast<std::size_t>(first_row + i)] = {static_cast<std::int16_t>(none ? -1 : peaks[i].center_px),
+                                                            static_cast<std::int16_t>(peaks[i].second_px)};
       // Whether there is a line or not: nobody can tell beforehand.
       take_row<kSignal, kSubtract>(s, i, row_of(job.on, i), kSubtract ? row_of(job.off, i) : nullptr, job.width_px,
                                    peaks[i].center_px, job.options);
       if (!found) s.window[i].kind = WindowKind::none;
-      whole += s.window[i].kind == WindowKind::whole ? 1 : 0;
-      partial += s.window[i].kind == WindowKind::partial ? 1 : 0;
     });
   }
-  const bool any_whole = whole > 0, any_partial = partial > 0;
-  const auto refine = [&](auto&& refine_rows, WindowKind kind) {
-    refine_rows(s, job.options);
-    for (int lane = 0; lane < kBlockRows; ++lane) {
-      if (s.kind[lane] != kind) continue;
-      write_row(s, lane, job.width_px, job.rows[static_cast<std::size_t>(first_row + s.row[lane])]);
-    }
-  };
-  if (!any_whole && !any_partial) return;
-  assign_lanes(s, any_partial);
-  transpose(s.cut, s.row, s.signal);
-  if (any_whole) refine(refine_block<false>, WindowKind::whole);
-  if (any_partial) {
-    transpose(s.usable, s.row, s.usable_signal);
-    refine(refine_block<true>, WindowKind::partial);
-  }
+  refine_windows(job);
 }
 
 template <Signal kSignal, bool kSubtract>
-void extract_rows(const Job& job) {
-  for (int row = 0; row < job.height_px; row += kBlockRows) {
-    extract_block<kSignal, kSubtract>(job, row, std::min(kBlockRows, job.height_px - row));
+struct ExtractRows {
+  static void run(const Job& job) {
+    for (int row = 0; row < job.height_px; row += kBlockRows) {
+      extract_block<kSignal, kSubtract>(job, row, std::min(kBlockRows, job.height_px - row));
+    }
+  }
+};
+
+template <Signal kSignal, bool kSubtract>
+struct RefineChosen {
+  /// In the blocks that extraction has: a row's neighbours do not depend on how a frame was cut into strips.
+  static void run(const Job& job) {
+    for (auto choice = job.chosen.begin(); choice != job.chosen.end();) {
+      Scratch& s = *job.scratch;
+      for (Window& window : s.window) window.kind = WindowKind::none;
+      const int first_row = choice->row / kBlockRows * kBlockRows;
+      for (; choice != job.chosen.end() && choice->row < first_row + kBlockRows; ++choice) {
+        LineRow& row = job.rows[static_cast<std::size_t>(choice->row)];
+        row = {};
+        row.status = RowStatus::ambiguous;
+        if (choice->center_px < 0) continue;
+        const int i = choice->row - first_row;
+        s.frame_row[i] = choice->row;
+        const std::size_t offset = static_cast<std::size_t>(choice->row) * job.stride_bytes;
+        take_row<kSignal, kSubtract>(s, i, job.on + offset, kSubtract ? job.off + offset : nullptr, job.width_px,
+                                     choice->center_px, job.options);
+      }
+      refine_windows(job);
+    }
+  }
+};
+
+template <template <Signal, bool> class Step, Signal kSignal>
+void run_signal(const Job& job) {
+  job.off != nullptr ? Step<kSignal, true>::run(job) : Step<kSignal, false>::run(job);
+}
+
+template <template <Signal, bool> class Step>
+void run(const Job& job) {
+  switch (job.signal) {
+    case Signal::grey:
+      return run_signal<Step, Signal::grey>(job);
+    case Signal::yuyv_luma:
+      return run_signal<Step, Signal::yuyv_luma>(job);
+    case Signal::yuyv_red:
+      return run_signal<Step, Signal::yuyv_red>(job);
+    case Signal::yuyv_green:
+      return run_signal<Step, Signal::yuyv_green>(job);
   }
 }
 
-template <Signal kSignal>
-void extract_signal(const Job& job) {
-  job.off != nullptr ? extract_rows<kSignal, true>(job) : extract_rows<kSignal, false>(job);
+void extract_frame(const Job& job) {
+  run<ExtractRows>(job);
 }
 
-void extract_frame(const Job& job) {
-  switch (job.signal) {
+void refine_chosen_rows(const Job& job) {
+  run<RefineChosen>(job);
+}
+
+void turn_columns(const Strip& strip) {
+  switch (strip.signal) {
     case Signal::grey:
-      return extract_signal<Signal::grey>(job);
+      return turn<Signal::grey>(strip);
     case Signal::yuyv_luma:
-      return extract_signal<Signal::yuyv_luma>(job);
+      return turn<Signal::yuyv_luma>(strip);
     case Signal::yuyv_red:
-      return extract_signal<Signal::yuyv_red>(job);
+      return turn<Signal::yuyv_red>(strip);
     case Signal::yuyv_green:
-      return extract_signal<Signal::yuyv_green>(job);
+      return turn<Signal::yuyv_green>(strip);
   }
 }
 
@@ -172,10 +231,18 @@ HWY_AFTER_NAMESPACE();
 namespace celadon::line_kernels {
 
 HWY_EXPORT(extract_frame);
+HWY_EXPORT(refine_chosen_rows);
+HWY_EXPORT(turn_columns);
 HWY_EXPORT(target_name);
 
 void extract(const Job& job) {
   HWY_DYNAMIC_DISPATCH(extract_frame)(job);
+}
+void refine_chosen(const Job& job) {
+  HWY_DYNAMIC_DISPATCH(refine_chosen_rows)(job);
+}
+void turn_strip(const Strip& strip) {
+  HWY_DYNAMIC_DISPATCH(turn_columns)(strip);
 }
 const char* simd_target() {
   return HWY_DYNAMIC_DISPATCH(target_name)();

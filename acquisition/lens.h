@@ -9,10 +9,11 @@
 
 namespace celadon {
 
-/// A point on the image plane at unit distance, and its derivatives by the pixel's column.
+/// A point on the image plane at unit distance, and its derivatives by the pixel's column and row.
 struct UndistortedPoint {
   double a = 0, b = 0;            ///< X/Z and Y/Z of the ray
   double a_by_x = 0, b_by_x = 0;  ///< per pixel
+  double a_by_y = 0, b_by_y = 0;
 };
 
 /// Projection between pixels and rays of one camera.
@@ -39,8 +40,9 @@ class Lens {
       b -= (d.xx * ey - d.xy * ex) * inverse_determinant;
     }
     const Distorted d = distort(a, b);
-    const double per_px = inverse_fx_ / (d.xx * d.yy - d.xy * d.xy);
-    return {a, b, d.yy * per_px, -d.xy * per_px};
+    const double inverse_determinant = 1 / (d.xx * d.yy - d.xy * d.xy);
+    const double per_x = inverse_fx_ * inverse_determinant, per_y = inverse_fy_ * inverse_determinant;
+    return {a, b, d.yy * per_x, -d.xy * per_x, -d.xy * per_y, d.xx * per_y};
   }
 
   /// Pixel of a ray: the forward formula.

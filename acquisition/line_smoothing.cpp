@@ -1,4 +1,4 @@
-// Smoothing along the line, for gating and preview. README.md, "Line extraction", step 6.
+// Smoothing along the line, for gating and preview. README.md, "Line extraction", step 7.
 
 #include <algorithm>
 #include <array>

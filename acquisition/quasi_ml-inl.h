@@ -179,12 +179,10 @@ HWY_INLINE Background background_of(const Preliminary& p, int lane) {
   const auto has_left = hn::Ge(left_count, one), has_right = hn::Ge(right_count, one);
   const auto both = hn::And(has_left, has_right);
   const auto span = hn::Max(hn::Add(left_at, right_at), one);
-  Background b;
-  b.slope = hn::IfThenElseZero(both, hn::Div(hn::Sub(right, left), span));
-  b.level = hn::IfThenElse(has_left, hn::MulAdd(b.slope, left_at, left), right);
-  b.slope_information =
-      hn::IfThenElse(both, hn::Div(hn::Mul(span, span), hn::Add(left_inverse, right_inverse)), hn::Set(d, 1e6f));
-  return b;
+  const auto slope = hn::IfThenElseZero(both, hn::Div(hn::Sub(right, left), span));
+  // Whole at once: g++ compiles a default constructor without this target's instructions, and NEON's vectors need them.
+  return {hn::IfThenElse(has_left, hn::MulAdd(slope, left_at, left), right), slope,
+          hn::IfThenElse(both, hn::Div(hn::Mul(span, span), hn::Add(left_inverse, right_inverse)), hn::Set(d, 1e6f))};
 }
 
 /// Noise of one pixel: ambient + shot light + speckle light^2.
@@ -272,6 +270,16 @@ HWY_INLINE void subtract_background(Scratch& s, int lane, int reach) {
   s.light_reach[lane] = HWY_MAX(s.light_reach[lane], reach);
 }
 
+/// 1 / v to 11 bits and more: weights need no better.
+HWY_INLINE VF reciprocal_of(VF v) {
+  const auto r = hn::ApproximateReciprocal(v);
+#if HWY_ARCH_ARM  // NEON's estimate has 8 bits: a step of Newton's method doubles them
+  return hn::Mul(r, hn::NegMulAdd(v, r, hn::Set(DF(), 2.f)));
+#else
+  return r;
+#endif
+}
+
 template <bool kMasked, Pass kPass>
 HWY_INLINE Normal normal_sums(Scratch& s, int lane, const LineModel& m, const NoiseModel& noise) {
   const DF d;
@@ -284,7 +292,7 @@ HWY_INLINE Normal normal_sums(Scratch& s, int lane, const LineModel& m, const No
       m, reach, [&](int k, VF light, VF u) HWY_ATTR __attribute__((always_inline)) {
         const auto u2 = hn::Mul(u, u);
         const auto v = variance(noise, light);
-        auto t = kPass == Pass::last ? hn::Div(light, v) : hn::Mul(light, hn::ApproximateReciprocal(v));
+        auto t = kPass == Pass::last ? hn::Div(light, v) : hn::Mul(light, reciprocal_of(v));
         t = hn::IfThenElseZero(hn::Le(u2, reach2), t);  // weight times light
         if constexpr (kMasked) t = hn::Mul(t, hn::Neg(load_float(s.usable_signal[kMiddle + k] + lane)));
         const auto residual = hn::Sub(hn::Load(d, s.light[kMiddle + k] + lane), light);

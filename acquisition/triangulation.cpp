@@ -19,18 +19,18 @@ constexpr double kAngleStepNs = 500'000;
 /// Rows without a line that a run passes over: single speckle grains, not edges.
 constexpr std::size_t kLongestDropout = 2;
 
-bool has_position(const LineRow& row, int width_px) {
+bool has_position(const LineRow& row, int length_px) {
   return (row.status == RowStatus::found || row.status == RowStatus::saturated) && row.x_px >= -0.5f &&
-         row.x_px <= static_cast<float>(width_px) - 0.5f && std::isfinite(row.sigma_px);
+         row.x_px <= static_cast<float>(length_px) - 0.5f && std::isfinite(row.sigma_px);
 }
 
 /// Rows that lie beside a jump or a gap of the line, as flags. A jump is a step between two neighbours that exceeds the
 /// steps before and after it: a steep line steps evenly.
-std::vector<bool> edge_rows(std::span<const LineRow> rows, int width_px) {
+std::vector<bool> edge_rows(std::span<const LineRow> rows, int length_px) {
   std::vector<std::size_t> on;
   on.reserve(rows.size());
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    if (has_position(rows[i], width_px)) on.push_back(i);
+    if (has_position(rows[i], length_px)) on.push_back(i);
   }
   const auto apart = [&](std::size_t k) { return static_cast<float>(on[k + 1] - on[k]); };
   const auto step = [&](std::size_t k) { return rows[on[k + 1]].x_px - rows[on[k]].x_px; };
@@ -59,9 +59,16 @@ double wrapped(double angle_rad) {
 
 }  // namespace
 
-Triangulator::Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume)
+LineAlong line_along(const LaserPlane& plane) {
+  // depth = distance / (normal . (a, b, 1)): a pixel to the right changes it by the normal's x, one downward by its y.
+  return std::abs(plane.normal_C.x()) >= std::abs(plane.normal_C.y()) ? LineAlong::rows : LineAlong::columns;
+}
+
+Triangulator::Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume, LineAlong along)
     : lens_(calibration.camera_model),
+      along_(along),
       width_px_(calibration.camera_model.width_px),
+      height_px_(calibration.camera_model.height_px),
       volume_(volume),
       scale_(calibration.scale.value),
       turn_(calibration.direction * calibration.encoder_scale.value),
@@ -95,10 +102,11 @@ Triangulator::Point Triangulator::point(double x_px, double row_px) const {
   Point out;
   if (!(depth > 0) || !std::isfinite(depth)) return out;
   const Eigen::Vector3d direction(ray.a, ray.b, 1);
-  const double depth_by_x = -depth / slant * (normal_C_.x() * ray.a_by_x + normal_C_.y() * ray.b_by_x);
+  const double a_by_px = along_ == LineAlong::rows ? ray.a_by_x : ray.a_by_y;
+  const double b_by_px = along_ == LineAlong::rows ? ray.b_by_x : ray.b_by_y;
+  const double depth_by_px = -depth / slant * (normal_C_.x() * a_by_px + normal_C_.y() * b_by_px);
   const Eigen::Vector3d p_W = R_WC_ * (depth * direction) + p_WC_;
-  const Eigen::Vector3d p_W_by_x =
-      R_WC_ * (depth_by_x * direction + depth * Eigen::Vector3d(ray.a_by_x, ray.b_by_x, 0));
+  const Eigen::Vector3d p_W_by_px = R_WC_ * (depth_by_px * direction + depth * Eigen::Vector3d(a_by_px, b_by_px, 0));
   const double rr = p_W.x() * p_W.x() + p_W.y() * p_W.y();
   out.r_mm = std::sqrt(rr);
   out.z_mm = p_W.z();
@@ -106,9 +114,9 @@ Triangulator::Point Triangulator::point(double x_px, double row_px) const {
                out.z_mm <= volume_.z_max_mm;
   if (!out.inside) return out;
   out.theta_rad = std::atan2(p_W.y(), p_W.x());
-  out.r_by_x = (p_W.x() * p_W_by_x.x() + p_W.y() * p_W_by_x.y()) / out.r_mm;
-  out.theta_by_x = (p_W.x() * p_W_by_x.y() - p_W.y() * p_W_by_x.x()) / rr;
-  out.z_by_x = p_W_by_x.z();
+  out.r_by_px = (p_W.x() * p_W_by_px.x() + p_W.y() * p_W_by_px.y()) / out.r_mm;
+  out.theta_by_px = (p_W.x() * p_W_by_px.y() - p_W.y() * p_W_by_px.x()) / rr;
+  out.z_by_px = p_W_by_px.z();
   return out;
 }
 
@@ -123,57 +131,67 @@ Triangulator::Counts Triangulator::triangulate(std::span<const LineRow> rows, co
   profile.covariance.clear();
   profile.row.clear();
 
-  const double middle_row = 0.5 * (static_cast<double>(rows.size()) - 1);
+  // Of the image: along columns it is the position that tells a sample's row, and with it the instant.
+  const std::size_t image_rows = along_ == LineAlong::rows ? rows.size() : static_cast<std::size_t>(height_px_);
+  const double middle_row = 0.5 * (static_cast<double>(image_rows) - 1);
   profile.time_ns = row_instant_ns(frame, middle_row);
   const Angle middle = angle_at(profile.time_ns);
   profile.table_angle_rad = middle ? turn_ * middle->angle_rad : 0;
 
   // Rows that share two instants of the table's motion.
   const double line_time_ns = std::abs(time_.line_time_ns.value);
-  const std::size_t block = line_time_ns * static_cast<double>(rows.size()) <= kAngleStepNs
-                                ? std::max<std::size_t>(rows.size(), 1)
+  const std::size_t block = line_time_ns * static_cast<double>(image_rows) <= kAngleStepNs
+                                ? std::max<std::size_t>(image_rows, 1)
                                 : std::max<std::size_t>(static_cast<std::size_t>(kAngleStepNs / line_time_ns), 1);
   std::vector<Angle> angles;
-  for (std::size_t first = 0; first < rows.size() + block; first += block) {
+  for (std::size_t first = 0; first < image_rows + block; first += block) {
     angles.push_back(line_time_ns == 0 ? middle : angle_at(row_instant_ns(frame, static_cast<double>(first))));
   }
 
   Counts counts;
-  const std::vector<bool> edge = edge_rows(rows, width_px_);
+  const int length_px = along_ == LineAlong::rows ? width_px_ : height_px_;
+  const std::vector<bool> edge = edge_rows(rows, length_px);
   for (std::size_t i = 0; i < rows.size(); ++i) {
     const LineRow& row = rows[i];
     counts.ambiguous += row.status == RowStatus::ambiguous;
-    if (!has_position(row, width_px_)) continue;
+    if (!has_position(row, length_px)) continue;
     if (edge[i]) {
       ++counts.edge;
       continue;
     }
-    const Point p = point(row.x_px, static_cast<double>(i));
+    const double position_px = row.x_px, number_px = static_cast<double>(i);
+    const double image_row = along_ == LineAlong::rows ? number_px : position_px;
+    const Point p = along_ == LineAlong::rows ? point(position_px, number_px) : point(number_px, position_px);
     if (!p.inside) {
       ++counts.outside;
       continue;
     }
-    const Angle &before = angles[i / block], &after = angles[i / block + 1];
+    const auto at = static_cast<std::size_t>(std::max(image_row, 0.)) / block;
+    const Angle &before = angles[at], &after = angles[at + 1];
     if (!before || !after) {
       ++counts.no_angle;
       continue;
     }
-    const double share = static_cast<double>(i % block) / static_cast<double>(block);
+    const double share = (image_row - static_cast<double>(at * block)) / static_cast<double>(block);
     const double table_rad = turn_ * (before->angle_rad + share * (after->angle_rad - before->angle_rad));
     const double sigma_px = std::max<double>(row.sigma_px, kSmallestSigmaPx), variance_px = sigma_px * sigma_px;
     // The table turns by `smear` while the row is exposed; where in it the light came from is unknown.
     const double sigma_turn = turn_ * std::max(before->sigma_rad, after->sigma_rad);
     const double smear = turn_ * before->speed_rad_per_s * static_cast<double>(frame.exposure_ns) * 1e-9;
     const double turn_variance = sigma_turn * sigma_turn + smear * smear / 12;
+    // Along columns another position is another row, at another angle.
+    const double theta_by_px = along_ == LineAlong::rows
+                                   ? p.theta_by_px
+                                   : p.theta_by_px - turn_ * before->speed_rad_per_s * 1e-9 * time_.line_time_ns.value;
     profile.r_mm.push_back(p.r_mm);
     profile.theta_rad.push_back(wrapped(p.theta_rad - table_rad));
     profile.z_mm.push_back(p.z_mm);
-    profile.covariance.push_back({.rr = static_cast<float>(p.r_by_x * p.r_by_x * variance_px),
-                                  .rt = static_cast<float>(p.r_by_x * p.theta_by_x * variance_px),
-                                  .rz = static_cast<float>(p.r_by_x * p.z_by_x * variance_px),
-                                  .tt = static_cast<float>(p.theta_by_x * p.theta_by_x * variance_px + turn_variance),
-                                  .tz = static_cast<float>(p.theta_by_x * p.z_by_x * variance_px),
-                                  .zz = static_cast<float>(p.z_by_x * p.z_by_x * variance_px)});
+    profile.covariance.push_back({.rr = static_cast<float>(p.r_by_px * p.r_by_px * variance_px),
+                                  .rt = static_cast<float>(p.r_by_px * theta_by_px * variance_px),
+                                  .rz = static_cast<float>(p.r_by_px * p.z_by_px * variance_px),
+                                  .tt = static_cast<float>(theta_by_px * theta_by_px * variance_px + turn_variance),
+                                  .tz = static_cast<float>(theta_by_px * p.z_by_px * variance_px),
+                                  .zz = static_cast<float>(p.z_by_px * p.z_by_px * variance_px)});
     profile.row.push_back(static_cast<std::uint16_t>(i));
     ++counts.found;
   }

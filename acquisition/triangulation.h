@@ -21,11 +21,16 @@ struct ScanVolume {
   double r_min_mm = 0.5, r_max_mm = 250, z_min_mm = 1, z_max_mm = 400;
 };
 
+/// Whether a laser's line is to be searched in the rows or in the columns of the image: along which of them its place
+/// tells more of the depth.
+LineAlong line_along(const LaserPlane& plane);
+
 /// Ray-plane intersection, undistorted, turned back by the table angle; one per laser. README.md, "Triangulation".
 class Triangulator {
  public:
+  /// @param along  as the rows to come were extracted; line_along() says what a calibration asks for
   /// @throws std::invalid_argument unless calibration.lasers holds the laser and the volume is not empty
-  Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume);
+  Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume, LineAlong along = LineAlong::rows);
 
   /// What became of the rows; those without a line are in none of the counts.
   struct Counts {
@@ -41,7 +46,7 @@ class Triangulator {
   /// tl::expected<AngleAtInstant, const char*>; it is asked at row instants at most 0.5 ms apart (up to 0.5 ms after
   /// the last row), and the angle is linear between them. The rows on both sides of a jump of the line are dropped
   /// (mixed pixels).
-  /// @pre rows[i] is row i of the calibrated camera's image; at most 65535 rows
+  /// @pre rows[i] is row i (along columns: column i) of the calibrated camera's image; at most 65535 of them
   template <class AngleAt>
   Counts triangulate(std::span<const LineRow> rows, const FrameInfo& frame, AngleAt&& angle_at,
                      Profile& profile) const {
@@ -62,10 +67,10 @@ class Triangulator {
     Angle (*call)(void*, std::int64_t);
     Angle operator()(std::int64_t instant_ns) const { return call(callable, instant_ns); }
   };
-  /// One row's point in the scanner frame at table angle 0, and its derivative by the pixel.
+  /// One row's point in the scanner frame at table angle 0, and its derivative by the position along the row (column).
   struct Point {
     double r_mm = 0, theta_rad = 0, z_mm = 0;
-    double r_by_x = 0, theta_by_x = 0, z_by_x = 0;
+    double r_by_px = 0, theta_by_px = 0, z_by_px = 0;
     bool inside = false;
   };
   Counts triangulate(std::span<const LineRow> rows, const FrameInfo& frame, AngleAtRef angle_at,
@@ -73,7 +78,8 @@ class Triangulator {
   Point point(double x_px, double row_px) const;
 
   Lens lens_;
-  int width_px_ = 0;
+  LineAlong along_ = LineAlong::rows;
+  int width_px_ = 0, height_px_ = 0;
   ScanVolume volume_;
   double scale_ = 1, turn_ = 1;  ///< mm per model mm; true counter-clockwise angle per encoder angle
   Eigen::Vector3d normal_C_;     ///< of the laser plane

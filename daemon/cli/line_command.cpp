@@ -19,7 +19,7 @@ namespace celadon::cli {
 namespace {
 
 struct LineArguments {
-  std::string on, off, output, overlay, channel = "red";
+  std::string on, off, output, overlay, channel = "red", along = "rows";
   LaserLineOptions options;
 };
 
@@ -37,8 +37,9 @@ const char* to_text(RowStatus status) {
   return "no line";
 }
 
-std::string csv_of(const std::vector<LineRow>& rows, const std::vector<float>& smoothed) {
-  std::string csv = "row,x_px,sigma_px,amplitude,width_px,status,smoothed_px\n";
+std::string csv_of(const std::vector<LineRow>& rows, const std::vector<float>& smoothed, LineAlong along) {
+  std::string csv = along == LineAlong::rows ? "row,x_px," : "column,y_px,";
+  csv += "sigma_px,amplitude,width_px,status,smoothed_px\n";
   for (std::size_t y = 0; y < rows.size(); ++y) {
     const LineRow& row = rows[y];
     char text[160];
@@ -59,7 +60,7 @@ std::string csv_of(const std::vector<LineRow>& rows, const std::vector<float>& s
   return csv;
 }
 
-void print_summary(const std::vector<LineRow>& rows, const std::vector<float>& smoothed) {
+void print_summary(const std::vector<LineRow>& rows, const std::vector<float>& smoothed, LineAlong along) {
   std::size_t found = 0, saturated = 0, ambiguous = 0, compared = 0;
   double squares = 0;
   std::vector<float> sigmas;
@@ -74,15 +75,16 @@ void print_summary(const std::vector<LineRow>& rows, const std::vector<float>& s
     squares += std::pow(static_cast<double>(rows[y].x_px - smoothed[y]), 2);
   }
   const auto percent = [&](std::size_t n) { return 100.0 * static_cast<double>(n) / static_cast<double>(rows.size()); };
-  std::printf("rows        %zu, with a line %zu (%.1f %%), of these saturated %zu; ambiguous %zu (%.1f %%)\n",
+  const char* what = along == LineAlong::rows ? "rows" : "columns";
+  std::printf("%-11s %zu, with a line %zu (%.1f %%), of these saturated %zu; ambiguous %zu (%.1f %%)\n", what,
               rows.size(), found, percent(found), saturated, ambiguous, percent(ambiguous));
   if (found == 0) return;
   std::nth_element(sigmas.begin(), sigmas.begin() + static_cast<std::ptrdiff_t>(found / 2), sigmas.end());
   std::printf("uncertainty median standard deviation %.3f px (from amplitude, width, noise, speckle)\n",
               static_cast<double>(sigmas[found / 2]));
   if (compared > 0) {
-    std::printf("residual    %.3f px RMS of the rows against a local smooth line (+-8 rows)\n",
-                std::sqrt(squares / static_cast<double>(compared)));
+    std::printf("residual    %.3f px RMS of the %s against a local smooth line (+-8 %s)\n",
+                std::sqrt(squares / static_cast<double>(compared)), what, what);
   }
   std::printf("SIMD        %s\n", laser_line_simd_target());
 }
@@ -102,17 +104,25 @@ int line(const LineArguments& arguments) {
                          "; give two pictures of one camera mode");
     }
   }
-  constexpr int kNarrowest = 64, kWidest = 4096;
-  if (on.width_px < kNarrowest || on.width_px > kWidest) {
-    return fail(2, "'" + arguments.on + "' is " + std::to_string(on.width_px) + " pixels wide; the extractor takes " +
-                       std::to_string(kNarrowest) + " to " + std::to_string(kWidest));
+  LaserLineOptions options = arguments.options;
+  const bool columns = arguments.along == "columns";
+  options.along = columns ? LineAlong::columns : LineAlong::rows;
+  constexpr int kShortest = 64, kLongest = 4096, kNarrowest = 16;
+  const int length_px = columns ? on.height_px : on.width_px;
+  if (length_px < kShortest || length_px > kLongest) {
+    return fail(2, "'" + arguments.on + "' is " + std::to_string(length_px) + " pixels " + (columns ? "high" : "wide") +
+                       "; the extractor takes " + std::to_string(kShortest) + " to " + std::to_string(kLongest));
+  }
+  if (columns && on.width_px < kNarrowest) {
+    return fail(2, "'" + arguments.on + "' is " + std::to_string(on.width_px) +
+                       " pixels wide; along columns the extractor takes " + std::to_string(kNarrowest) + " and more");
   }
   CameraMode mode;
   mode.width_px = on.width_px;
   mode.height_px = on.height_px;
   mode.stride_bytes = static_cast<std::size_t>(on.width_px);
-  std::vector<LineRow> rows(static_cast<std::size_t>(on.height_px));
-  LaserLineExtractor extractor(arguments.options);
+  std::vector<LineRow> rows(static_cast<std::size_t>(columns ? on.width_px : on.height_px));
+  LaserLineExtractor extractor(options);
   extractor.extract(mode, on.bytes, off.bytes, rows);
   std::vector<float> smoothed(rows.size());
   smooth_line(rows, smoothed);
@@ -122,32 +132,37 @@ int line(const LineArguments& arguments) {
     return written ? 0 : fail(4, written.error().message);
   };
   if (!arguments.output.empty()) {
-    if (const int code = write(arguments.output, csv_of(rows, smoothed))) return code;
+    if (const int code = write(arguments.output, csv_of(rows, smoothed, options.along))) return code;
   }
   if (!arguments.overlay.empty()) {
-    if (const int code = write(arguments.overlay, overlay_png(on, rows))) return code;
+    if (const int code = write(arguments.overlay, overlay_png(on, rows, options.along))) return code;
   }
-  print_summary(rows, smoothed);
+  print_summary(rows, smoothed, options.along);
   const bool any = std::any_of(rows.begin(), rows.end(), [](const LineRow& row) { return row.x_px >= 0; });
   return any ? 0
-             : fail(1,
-                    "no row of '" + arguments.on + "' has a laser line; is it the right picture, --channel and --off?");
+             : fail(1, std::string("no ") + (columns ? "column" : "row") + " of '" + arguments.on +
+                           "' has a laser line; is it the right picture, --channel, --along and --off?");
 }
 
 }  // namespace
 
 void add_line_command(CLI::App& program, Run& run) {
   auto arguments = std::make_shared<LineArguments>();
-  auto* command =
-      program.add_subcommand("line", "Find the laser line in a picture (PNG or PGM), one sub-pixel position a row.");
+  auto* command = program.add_subcommand(
+      "line", "Find the laser line in a picture (PNG or PGM), one sub-pixel position a row or column.");
   command->option_defaults()->always_capture_default();
   command->add_option("ON", arguments->on, "picture with the laser on")->required();
   command->add_option("--off", arguments->off, "picture with the laser off, subtracted");
-  command->add_option("-o,--output", arguments->output,
-                      "CSV file: row, position [px], standard deviation [px], amplitude, width [px], status");
+  command->add_option(
+      "-o,--output", arguments->output,
+      "CSV file: row or column, position in it [px], standard deviation [px], amplitude, width [px], status");
   command->add_option("--overlay", arguments->overlay, "PNG file: the picture with the line drawn over it");
   command->add_option("--channel", arguments->channel, "of a colour picture: that of the laser, or luma")
       ->check(CLI::IsMember({"red", "green", "luma"}));
+  command
+      ->add_option("--along", arguments->along,
+                   "search the line in rows (it stands upright) or in columns (it lies: a camera on its side)")
+      ->check(CLI::IsMember({"rows", "columns"}));
   command->add_option("--contrast", arguments->options.minimum_contrast, "least contrast of a line [grey levels]")
       ->check(CLI::Range(1, 255));
   command->add_option("--read-noise", arguments->options.read_noise, "of the camera [grey levels]")

@@ -9,9 +9,9 @@
 
 namespace celadon::cli {
 
-/// PNG file contents: the picture in grey; found rows green, saturated rows yellow, ambiguous rows marked red at the
-/// left edge.
-/// @pre rows.size() == image.height_px  @throws std::runtime_error with libpng's words
-std::string overlay_png(const GreyImage& image, std::span<const LineRow> rows);
+/// PNG file contents: the picture in grey; found rows (columns) green, saturated yellow, ambiguous marked red at the
+/// left (upper) edge.
+/// @pre rows.size() == image.height_px, along columns image.width_px  @throws std::runtime_error with libpng's words
+std::string overlay_png(const GreyImage& image, std::span<const LineRow> rows, LineAlong along);
 
 }  // namespace celadon::cli

@@ -1,6 +1,6 @@
 // Laser-line extraction against reading the frame and the order of operations of Horus in OpenCV.
 // Everything on one core, from frames that lie in main memory, medians of interleaved runs; then
-// how well it does on scenes with known truth.
+// how well it does on scenes with known truth. `line_bench SSE4|AVX2|AVX3` on another SIMD target than the best.
 
 #include <hwy/targets.h>
 
@@ -27,6 +27,7 @@ using namespace celadon;
 using Bytes = std::vector<std::uint8_t>;
 
 constexpr int kWidth = 1280, kHeight = 1024;
+constexpr double kColumnsBar = 3;  ///< the sum, as along rows, and as much again for turning the columns
 
 /// Copies of one frame that together do not fit any cache, each at the start of a page as a driver's buffers are; a run
 /// takes the next but some.
@@ -202,9 +203,24 @@ void print_accuracy() {
   }
 }
 
+/// All that follows runs on the named target of Highway's.
+bool choose_target(const std::string& name) {
+  for (std::int64_t rest = hwy::SupportedTargets(); rest != 0; rest &= rest - 1) {
+    hwy::SetSupportedTargetsForTest(rest & -rest);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    if (name == laser_line_simd_target()) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
-int main() {
+int main(int argc, char** argv) {
+  if (argc > 1 && !choose_target(argv[1])) {
+    std::fprintf(stderr, "line_bench: this processor or program has no SIMD target '%s'; SSE4, AVX2 or AVX3\n",
+                 argv[1]);
+    return 2;
+  }
   cv::setNumThreads(1);
   const auto picture = synthetic::scan_frame(kWidth, kHeight, synthetic::nominal_scene(), 3);
   const CameraMode grey_mode = synthetic::mode_of(kWidth, kHeight);
@@ -217,6 +233,9 @@ int main() {
   LaserLineExtractor zero_crossing(options);
   options.channel = LineChannel::red;
   LaserLineExtractor red(options);
+  options = {};
+  options.along = LineAlong::columns;
+  LaserLineExtractor columns(options);
   volatile std::uint64_t sink = 0;
   const auto sum = [&](std::span<const std::uint8_t> bytes) {
     sink = sink + bench::sum_of_bytes(bytes.data(), bytes.size());
@@ -231,6 +250,21 @@ int main() {
   const cv::Mat on_colour = colour(picture.on), off_colour = colour(picture.off);
   std::vector<float> peer;
 
+  // The same light with the camera on its side: as many bytes, the line along the columns.
+  const CameraMode lying_mode = synthetic::mode_of(kHeight, kWidth);
+  const auto lying = [](const Bytes& grey) {
+    cv::Mat upright(kHeight, kWidth, CV_8U, const_cast<std::uint8_t*>(grey.data())), transposed;
+    cv::transpose(upright, transposed);
+    return Bytes(transposed.data, transposed.data + grey.size());
+  };
+  Ring lying_on(lying(picture.on)), lying_off(lying(picture.off));
+  cv::Mat copy;
+  std::vector<LineRow> of_copy(kHeight);
+  const auto by_a_copy = [&](std::span<const std::uint8_t> frame) {
+    cv::transpose(cv::Mat(kWidth, kHeight, CV_8U, const_cast<std::uint8_t*>(frame.data())), copy);
+    quasi_ml.extract(grey_mode, {copy.data, frame.size()}, {}, of_copy);
+  };
+
   const auto t = medians(101, {[&] { sum(on.next()); }, [&] { zero_crossing.extract(grey_mode, on.next(), {}, rows); },
                                [&] { quasi_ml.extract(grey_mode, on.next(), {}, rows); },
                                [&] {
@@ -239,7 +273,10 @@ int main() {
                                },
                                [&] { zero_crossing.extract(grey_mode, on.next(), off.next(), rows); },
                                [&] { quasi_ml.extract(grey_mode, on.next(), off.next(), rows); },
-                               [&] { sum(yuyv.next()); }, [&] { red.extract(yuyv_mode, yuyv.next(), {}, rows); }});
+                               [&] { sum(yuyv.next()); }, [&] { red.extract(yuyv_mode, yuyv.next(), {}, rows); },
+                               [&] { columns.extract(lying_mode, lying_on.next(), {}, rows); },
+                               [&] { columns.extract(lying_mode, lying_on.next(), lying_off.next(), rows); },
+                               [&] { by_a_copy(lying_on.next()); }});
   const auto h = medians(15, {[&] { horus_order(on_colour, off_colour, peer); },
                               [&] { quasi_ml.extract(grey_mode, on.next(), off.next(), rows); }});
 
@@ -258,6 +295,9 @@ int main() {
   line("grey on - off, quasi-maximum likelihood / sum of both", t[5], t[5] / t[3], 2);
   std::printf("%-52s %8.3f ms %8.2f\n", "sum of a YUYV frame (the limit)", t[6] * 1e3, 1.0);
   line("YUYV red, zero crossing / sum", t[7], t[7] / t[6], 1.5);
+  line("grey along columns, quasi-ML / sum", t[8], t[8] / t[0], kColumnsBar);
+  line("on - off along columns, quasi-ML / sum of both", t[9], t[9] / t[3], kColumnsBar);
+  std::printf("%-52s %8.3f ms %8.2f\n", "grey transposed by OpenCV, then rows / sum", t[10] * 1e3, t[10] / t[0]);
   std::printf("%-52s %8.3f ms %8.3f ms %8.3f ms\n", "grey from cache: sum, zero crossing, quasi-ML", c[0] * 1e3,
               c[1] * 1e3, c[2] * 1e3);
   line("Horus's order in OpenCV / grey on - off, quasi-ML", h[0], h[0] / h[1], 35, true);

@@ -553,6 +553,32 @@ TEST(LineCommand, BadPicturesAreRefused) {
   EXPECT_EQ(run({"celadon", "line", torn}).exit_code, 2);
 }
 
+// A line across the picture at row 40.25, four times as wide as high.
+TEST(LineCommand, LyingLinesAreFoundAlongColumns) {
+  const TemporaryFolder folder;
+  std::string pixels;
+  for (int y = 0; y < 96; ++y) {
+    const double u = (y - 40.25) / 2.5;
+    pixels += std::string(400, static_cast<char>(std::lround(20 + 150 * std::exp(-0.5 * u * u))));
+  }
+  const auto picture = folder.write("lying.pgm", "P5\n400 96\n255\n" + pixels);
+  EXPECT_EQ(run({"celadon", "line", picture}).exit_code, 1) << "no row has a line";
+  const auto csv = folder / "line.csv", overlay = folder / "line.png";
+  const auto outcome = run({"celadon", "line", picture, "--along", "columns", "-o", csv, "--overlay", overlay});
+  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
+  EXPECT_NE(outcome.out.find("columns     400, with a line 400"), std::string::npos) << outcome.out;
+  EXPECT_GT(fs::file_size(overlay), 100u);
+  std::ifstream lines(csv);
+  std::string line;
+  std::getline(lines, line);
+  EXPECT_EQ(line.rfind("column,y_px,sigma_px", 0), 0u) << line;
+  int columns = 0;
+  for (; std::getline(lines, line); ++columns) {
+    EXPECT_NEAR(std::stod(line.substr(line.find(',') + 1)), 40.25, 0.05) << line;
+  }
+  EXPECT_EQ(columns, 400);
+}
+
 TEST(Help, ShowsUnitsAndDefaults) {
   for (const char* command : {"fit", "merge", "scan", "line", "evaluate", "watch"}) {
     const auto outcome = run({"celadon", command, "--help"});
