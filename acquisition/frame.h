@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include <tl/expected.hpp>
 
@@ -57,14 +58,16 @@ struct FrameInfo {
   bool has_table_angle = false;
   double table_angle_rad = 0, table_angle_sigma_rad = 0, table_speed_rad_per_s = 0;
   bool laser_on = true;
+  int laser = 0;  ///< whose turn the frame belongs to, its background and looks too
   FrameUse use = FrameUse::turn;
 };
 
 /// The scan whose frames a recording holds; empty and 0 where the recording does not say.
 struct RecordedScan {
-  std::string date;  ///< ISO 8601 UTC
-  std::string mode;  ///< "step", "sweep"
-  int profiles = 0;  ///< a turn
+  std::string date;              ///< ISO 8601 UTC
+  std::string mode;              ///< "step", "sweep"
+  int profiles = 0;              ///< a turn
+  std::vector<int> lasers = {};  ///< in the order of their turns; empty: one, and the recording does not say which
 };
 
 /// A device or system fault of a camera: one sentence with operation, device, cause, errno and the remedy.

@@ -25,7 +25,9 @@ constexpr std::string_view kColumns = "file,table_angle_deg,stamp_ns,exposure_ns
 constexpr std::size_t kMostFrames = 10'000'000;
 constexpr double kRadPerDeg = std::numbers::pi / 180;
 constexpr std::array<std::string_view, 4> kUses{"background", "look", "turn", "overlap"};
-constexpr std::size_t kFields_1_0 = 5, kFields_1_1 = 9;
+constexpr std::size_t kFields_1_0 = 5, kFields_1_1 = 9, kFields_1_2 = 10;
+constexpr unsigned kMinor = 2;  // the newest that is known
+constexpr int kMostLaser = 255;
 
 struct Refusal {
   std::string message;
@@ -154,7 +156,7 @@ class IndexReader {
       }
       index_.yuyv_width_px = *width;
       index_.yuyv_height_px = *height;
-    } else if (minor_ <= 1) {
+    } else if (minor_ <= kMinor) {
       refuse("the setting " + quote(line) + " is unknown or empty",
              "correct it, or put the columns \"" + std::string(kColumns) + "\" before the frames");
     }
@@ -162,9 +164,13 @@ class IndexReader {
 
   void read_frame(std::string_view line) {
     const auto fields = fields_of(line);
-    const bool known = fields.size() == kFields_1_0 || (fields.size() == kFields_1_1 && minor_ >= 1);
-    if (!known && !(minor_ > 1 && fields.size() > kFields_1_1)) {
-      refuse("there are " + std::to_string(fields.size()) + " fields and must be 5" + (minor_ >= 1 ? " or 9" : ""),
+    const bool known = fields.size() == kFields_1_0 || (fields.size() == kFields_1_1 && minor_ >= 1) ||
+                       (fields.size() == kFields_1_2 && minor_ >= 2);
+    if (!known && !(minor_ > kMinor && fields.size() > kFields_1_2)) {
+      refuse("there are " + std::to_string(fields.size()) + " fields and must be 5" +
+                 (minor_ >= 2   ? ", 9 or 10"
+                  : minor_ == 1 ? " or 9"
+                                : ""),
              "correct or remove the line");
     }
     if (index_.frames.size() == kMostFrames) refuse("there are over 10000000 frames", "cut the recording into parts");
@@ -204,6 +210,7 @@ class IndexReader {
     frame.exposure_ns = *exposure;
     frame.use = fields[4] == "1" ? FrameUse::turn : FrameUse::background;
     if (fields.size() >= kFields_1_1) read_use(fields, frame);
+    if (fields.size() >= kFields_1_2) read_laser(fields[kFields_1_2 - 1], frame);
     index_.frames.push_back(std::move(frame));
   }
 
@@ -225,6 +232,19 @@ class IndexReader {
     frame.table_angle_rad = *rad;
     frame.table_angle_sigma_rad = *sigma;
     frame.table_speed_rad_per_s = *speed;
+  }
+
+  void read_laser(std::string_view field, RecordedFrame& frame) {
+    const auto laser = number_of<int>(field);
+    if (!laser || *laser < 0 || *laser > kMostLaser) {
+      refuse("the number of the laser " + quote(field) + " must be 0 to " + std::to_string(kMostLaser),
+             "correct the line");
+    }
+    frame.laser = *laser;
+    auto& lasers = index_.scan.lasers;
+    if (frame.use == FrameUse::turn && std::find(lasers.begin(), lasers.end(), *laser) == lasers.end()) {
+      lasers.push_back(*laser);
+    }
   }
 
   std::string_view rest_;
@@ -252,7 +272,7 @@ tl::expected<RecordingIndex, std::string> parse_recording_index(const std::strin
 
 std::string format_recording_index(const RecordingIndex& index) {
   static constexpr std::array<const char*, 3> kColours{"red", "green", "luma"};
-  std::string out = std::string(kFirstLine) + "1.1\ncamera," + index.camera + "\nsimulated," +
+  std::string out = std::string(kFirstLine) + "1.2\ncamera," + index.camera + "\nsimulated," +
                     (index.simulated ? "1" : "0") + "\nshutter," +
                     (index.shutter == Shutter::rolling ? "rolling" : "global") + "\ncolour," +
                     kColours.at(static_cast<std::size_t>(index.colour)) + "\n";
@@ -268,7 +288,8 @@ std::string format_recording_index(const RecordingIndex& index) {
     out += frame.file + "," + number_text(frame.table_angle_rad / kRadPerDeg) + "," + std::to_string(frame.stamp_ns) +
            "," + std::to_string(frame.exposure_ns) + (frame.use == FrameUse::background ? ",0," : ",1,") +
            std::string(kUses.at(static_cast<std::size_t>(frame.use))) + "," + number_text(frame.table_angle_rad) + "," +
-           number_text(frame.table_angle_sigma_rad) + "," + number_text(frame.table_speed_rad_per_s) + "\n";
+           number_text(frame.table_angle_sigma_rad) + "," + number_text(frame.table_speed_rad_per_s) + "," +
+           std::to_string(frame.laser) + "\n";
   }
   return out;
 }
@@ -289,7 +310,8 @@ RecordingWriter::RecordingWriter(std::filesystem::path folder, const CameraMode&
   }
 }
 
-tl::expected<void, CameraError> RecordingWriter::append(const Frame& frame, const AngleAtInstant& angle, FrameUse use) {
+tl::expected<void, CameraError> RecordingWriter::append(const Frame& frame, const AngleAtInstant& angle, FrameUse use,
+                                                        int laser) {
   const auto height = static_cast<std::size_t>(mode_.height_px);
   if (!std::isfinite(angle.angle_rad) || frame.bytes().size() < mode_.stride_bytes * height ||
       (!index_.frames.empty() && frame.info.stamp_ns <= index_.frames.back().stamp_ns)) {
@@ -324,7 +346,8 @@ tl::expected<void, CameraError> RecordingWriter::append(const Frame& frame, cons
                            .table_speed_rad_per_s = angle.speed_rad_per_s,
                            .stamp_ns = frame.info.stamp_ns,
                            .exposure_ns = frame.info.exposure_ns,
-                           .use = use});
+                           .use = use,
+                           .laser = laser});
   return {};
 }
 

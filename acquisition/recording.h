@@ -19,7 +19,8 @@ struct RecordedFrame {
   double table_angle_rad = 0, table_angle_sigma_rad = 0, table_speed_rad_per_s = 0;
   std::int64_t stamp_ns = 0, exposure_ns = 0;
   FrameUse use = FrameUse::turn;
-  int line = 0;  ///< of index.csv
+  int laser = 0;  ///< whose turn it belongs to
+  int line = 0;   ///< of index.csv
 };
 
 struct RecordingIndex {
@@ -30,7 +31,7 @@ struct RecordingIndex {
   ColourChannel colour = ColourChannel::red;
   int yuyv_width_px = 0, yuyv_height_px = 0;  ///< of *.yuyv frames
   int saturated_level = 0;                    ///< as in CameraMode
-  std::vector<RecordedFrame> frames;          ///< at least one
+  std::vector<RecordedFrame> frames;          ///< at least one; scan.lasers follows from them
 };
 
 /// A text that names file, line, value and remedy.
@@ -44,8 +45,9 @@ class RecordingWriter {
   /// @pre folder exists; an index in it is replaced by finish()
   RecordingWriter(std::filesystem::path folder, const CameraMode& mode, const RecordedScan& scan);
   /// @param angle  of the instant of the frame's middle row, encoder's
+  /// @param laser  whose turn the frame belongs to, 0 .. 255
   /// @pre frame is of the mode given; stamps rise
-  tl::expected<void, CameraError> append(const Frame& frame, const AngleAtInstant& angle, FrameUse use);
+  tl::expected<void, CameraError> append(const Frame& frame, const AngleAtInstant& angle, FrameUse use, int laser = 0);
   /// Writes the index beside its name, syncs it and renames it.
   tl::expected<void, CameraError> finish();
 

@@ -26,14 +26,23 @@ class FrameFeed {
 
   /// Frames and position samples are noted in `log` from now on.
   void record_in(ProfileLogWriter& log) { log_ = &log; }
+  /// Frames from now on belong to no turn: they are neither noted nor counted, until record_in().
+  void pause_record() {
+    log_ = nullptr;
+    counts_lost_ = false;
+  }
 
   /// Frames that are given to keep() go there from now on.
   void record_frames_in(RecordingWriter& recording) { recording_ = &recording; }
   /// Keeps a frame that was used; nothing without a recording.
   tl::expected<void, ScanStop> keep(const Frame& frame, const AngleAtInstant& angle, FrameUse use);
 
-  /// Which laser is meant from now on. @pre it is off
-  void use_laser(int laser) { laser_ = laser; }
+  /// Which laser is meant from now on. @pre all are off
+  void use_laser(int laser) {
+    laser_ = laser;
+    leases_.set_warm_up(0);
+  }
+  int laser() const { return laser_; }
   /// Grants the first lease. The laser stays on while next() accepts frames.
   tl::expected<void, ScanStop> laser_on();
   /// After a move without frames: renews the lease, or grants a new one if it ran out.

@@ -6,6 +6,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include "daemon/scan_lasers.h"
 #include "daemon/scan_queue.h"
 
 namespace celadon {
@@ -137,6 +138,7 @@ void ScanQueue::connect() {
     machine_.connected = true;
     machine_.machine = machine;
     machine_.simulated = simulated;
+    machine_.lasers = lasers_present(connection_->device.get(), *connection_->camera, calibration_);
     machine_.error.clear();
     machine_.found = connection_->device ? connection_->device->found_at_open().text : "";
     first_attempt_done_ = true;

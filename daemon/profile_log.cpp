@@ -115,10 +115,10 @@ bool take_profile(std::span<const std::uint8_t> payload, Profile& p) {
 std::string header_text(const LogHeader& header) {
   ScanRecord record;
   record.request = header.request;
-  return nlohmann::json{{"writer", "celadond 0.1.0"},       {"date", header.date},
-                        {"machine", header.machine},        {"camera", header.camera},
-                        {"simulated", header.simulated},    {"request", to_json(record)["request"]},
-                        {"calibration", header.calibration}}
+  return nlohmann::json{{"writer", "celadond 0.1.0"},        {"date", header.date},
+                        {"machine", header.machine},         {"camera", header.camera},
+                        {"simulated", header.simulated},     {"request", to_json(record)["request"]},
+                        {"calibration", header.calibration}, {"lasers", header.lasers}}
       .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
@@ -130,6 +130,7 @@ bool take_header(std::span<const std::uint8_t> payload, LogHeader& header) {
     header.camera = json.at("camera").get<std::string>();
     header.simulated = json.at("simulated").get<bool>();
     header.calibration = json.at("calibration").get<std::string>();
+    header.lasers = json.value("lasers", std::vector<int>());  // since 1.1
     auto request = scan_request_from_json(json.at("request"));
     if (!request) return false;
     header.request = *request;

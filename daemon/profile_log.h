@@ -27,6 +27,8 @@ struct LogHeader {
   bool simulated = false;
   ScanRequest request;
   std::string calibration;  ///< text of the calibration file
+  /// In the order of their turns; empty: one, and the log, of version 1.0, does not say which.
+  std::vector<int> lasers = {};
 };
 
 /// Placement of the object: rigid transform of points of the object to the scanner frame.

@@ -37,6 +37,30 @@ Json to_json(const Eigen::Vector3d& v) {
   return Json::array({v.x(), v.y(), v.z()});
 }
 
+Json to_json(const ClosureError& e) {
+  return {{"bias", e.bias}, {"rms", e.rms}, {"samples", e.samples}};
+}
+
+// What each laser saw, and how well two of them agree.
+void put_lasers(Json& json, const ResultNotes& notes) {
+  if (!notes.lasers.empty()) json["lasers"] = Json::array();
+  for (const LaserShare& share : notes.lasers) {
+    Json entry{{"laser", share.laser}, {"profiles", share.profiles}, {"samples", share.samples}};
+    if (share.closure_mm) entry["closure_mm"] = to_json(*share.closure_mm);
+    json["lasers"].push_back(std::move(entry));
+  }
+  if (!notes.agreement_mm) return;
+  const AgreementError& e = *notes.agreement_mm;
+  json["agreement_mm"] = {{"lasers", {e.first, e.second}},
+                          {"bias", e.bias},
+                          {"bias_sd", e.bias_sd},
+                          {"rms", e.rms},
+                          {"noise", e.noise},
+                          {"shift", e.shift},
+                          {"tilt", e.tilt},
+                          {"cells", e.cells}};
+}
+
 void put_counts(Json& json, const RangeFitReport& r) {
   json["points"] = r.points;
   json["rejected"] = r.rejected;
@@ -138,10 +162,8 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
                     {"corrupt", s.corrupt},
                     {"rows_ambiguous", s.rows_ambiguous}};
   }
-  if (notes.closure_mm) {
-    json["closure_mm"] = {
-        {"bias", notes.closure_mm->bias}, {"rms", notes.closure_mm->rms}, {"samples", notes.closure_mm->samples}};
-  }
+  if (notes.closure_mm) json["closure_mm"] = to_json(*notes.closure_mm);
+  put_lasers(json, notes);
   if (notes.solid) {
     if (notes.solid->closed) {
       json["solid"] = {

@@ -36,6 +36,22 @@ struct ClosureError {
   std::uint64_t samples = 0;
 };
 
+/// What one laser contributed in its turn.
+struct LaserShare {
+  int laser = 0;
+  std::uint64_t profiles = 0, samples = 0;
+  std::optional<ClosureError> closure_mm = {};
+};
+
+/// Radius by one laser minus that by another at the same places of the object, mm; second minus first.
+struct AgreementError {
+  int first = 0, second = 0;  ///< lasers
+  double bias = 0, bias_sd = 0;
+  double rms = 0, noise = 0;   ///< over cells; what of it the samples' own scatter explains
+  double shift = 0, tilt = 0;  ///< parts of it that go like cos(theta - ..), and like the height from -1 to 1
+  std::uint64_t cells = 0;
+};
+
 /// What became of the frames of a scan.
 struct ScanCounters {
   std::string mode;  ///< "step" or "sweep"
@@ -59,7 +75,9 @@ struct ResultNotes {
   std::vector<StageSeconds> seconds;
   std::optional<TruthError> truth_mm;
   std::optional<ScanCounters> scan;
-  std::optional<ClosureError> closure_mm;
+  std::optional<ClosureError> closure_mm;  ///< of several lasers the worst
+  std::vector<LaserShare> lasers = {};     ///< after a scan, in the order of their turns
+  std::optional<AgreementError> agreement_mm = {};
   std::optional<CadResult> solid;
   std::string shape_reason;                  ///< why this base was chosen; empty: as it was named
   std::optional<LocalFrame> own_axis;        ///< how the surface's frame was found, if it was looked for

@@ -30,7 +30,7 @@ tl::unexpected<ScanStop> capture_failed(const std::string& reason) {
 /// Instant of the middle row.
 std::int64_t middle_of(const CaptureTools& tools, const FrameInfo& frame) {
   const double last_row = static_cast<double>(tools.equipment.camera.mode().height_px) - 1;
-  return tools.triangulator.row_instant_ns(frame, last_row / 2);
+  return tools.turn->triangulator.row_instant_ns(frame, last_row / 2);
 }
 
 /// How the turn is laid out: `profiles` angles a turn, and so many again for the closure test.
@@ -48,6 +48,33 @@ struct Turn {
   double encoder_per_true;
 };
 
+/// How far the table goes for one turn: angles of the encoder from where it stands.
+struct Way {
+  double speed_rad_per_s = 0, run_up_rad = 0, whole_rad = 0;
+};
+
+/// A frame every pitch. The run-up and the run-out keep the turn itself at constant speed.
+Way way_of_sweep(const CaptureTools& tools, const Turn& turn) {
+  const ScannerDevice& device = *tools.equipment.device;
+  const double period_s = static_cast<double>(tools.equipment.camera.mode().frame_period_ns) * 1e-9;
+  Way way;
+  way.speed_rad_per_s =
+      std::min(turn.pitch_rad * turn.encoder_per_true / period_s, device.capabilities().max_speed_rad_per_s);
+  way.run_up_rad = device.run_up_rad(way.speed_rad_per_s) + 4 * way.speed_rad_per_s * period_s;
+  way.whole_rad = (kTurn_rad + turn.overlap_rad) * turn.encoder_per_true + 2 * way.run_up_rad;
+  return way;
+}
+
+/// One step before the first profile, so that it is approached from the same side as all others.
+Way way_of_steps(const Turn& turn) {
+  return {0, 0, (turn.profiles + turn.overlap_profiles + 1) * turn.pitch_rad * turn.encoder_per_true};
+}
+
+/// Whether the travel ends before a move to `target_rad` does.
+bool travel_ends_before(const DeviceCapabilities& limits, double target_rad) {
+  return !limits.endless_rotation && target_rad > limits.travel_rad;
+}
+
 /// Takes frames to profiles, and profiles to log, sums, closure test and progress.
 class Intake {
  public:
@@ -56,7 +83,10 @@ class Intake {
         turn_(turn),
         closure_(turn.overlap_rad),
         running_fit_(running_options(tools)),
-        rows_(static_cast<std::size_t>(tools.equipment.camera.mode().height_px)) {}
+        rows_(static_cast<std::size_t>(tools.equipment.camera.mode().height_px)) {
+    profile_.laser = static_cast<std::uint8_t>(tools.turn->laser);
+    share_.laser = tools.turn->laser;
+  }
 
   /// @param turned_rad  true angle since the start of the turn, 0 .. 2 pi for the fit, beyond it for the closure test
   tl::expected<void, ScanStop> take(Frame frame, const FrameAngle& angle, double turned_rad) {
@@ -65,19 +95,22 @@ class Intake {
     if (auto kept = tools_.feed.keep(frame, angle.middle, overlap ? FrameUse::overlap : FrameUse::turn); !kept) {
       return kept;
     }
-    tools_.extractor.extract(tools_.equipment.camera.mode(), frame.bytes(), tools_.preparation.background, rows_);
+    tools_.extractor.extract(tools_.equipment.camera.mode(), frame.bytes(), tools_.turn->seen.background, rows_);
     frame.release();  // the driver gets its buffer back before anything slower happens
-    const auto counts = tools_.triangulator.triangulate(
+    const auto counts = tools_.turn->triangulator.triangulate(
         rows_, info, [&](std::int64_t ns) { return angle.at(ns); }, profile_);
-    ambiguous_ += static_cast<std::uint64_t>(counts.ambiguous);
+    tools_.so_far->ambiguous += static_cast<std::uint64_t>(counts.ambiguous);
     tools_.feed.verdict(info, profile_.size() > 0 ? FrameVerdict::profile : FrameVerdict::no_line);
-    profile_.index = index_++;
+    profile_.index = tools_.so_far->profiles++;
     if (overlap) {
       closure_.again(turned_rad, profile_);
     } else {
       closure_.first(turned_rad, profile_);
       tools_.sums.add(profile_.r_mm, profile_.theta_rad, profile_.z_mm);
       tools_.look.add(profile_);
+      tools_.agreement.add(profile_);
+      ++share_.profiles;
+      share_.samples += profile_.size();
       running_fit_.offer(tools_.sums);
     }
     if (auto logged = tools_.log.append(profile_, overlap); !logged) {
@@ -98,8 +131,9 @@ class Intake {
                        c.lost,
                        c.stale,
                        c.corrupt,
-                       ambiguous_};
-    result.closure_mm = closure_.result();
+                       tools_.so_far->ambiguous};
+    result.closure_mm = share_.closure_mm = closure_.result();
+    result.lasers = {share_};
     const auto bad = static_cast<double>(c.lost + c.corrupt);
     if (bad > kLossWorthTelling * static_cast<double>(c.frames)) {
       result.warnings.push_back(std::to_string(c.lost) + " frames were lost and " + std::to_string(c.corrupt) +
@@ -133,17 +167,19 @@ class Intake {
     const auto time = std::chrono::steady_clock::now();
     if (!now && time - last_report_ < kProgressInterval) return;
     last_report_ = time;
-    const double elapsed_s = std::chrono::duration<double>(time - start_).count();
+    const CaptureSoFar& so_far = *tools_.so_far;
+    const double elapsed_s = std::chrono::duration<double>(time - so_far.start).count();
     const double whole_rad = kTurn_rad + turn_.overlap_rad;
+    const double turns = so_far.turn + std::clamp(turned_rad / whole_rad, 0., 1.);
     const FrameFeed::Counts& c = tools_.feed.counts();
     ScanProgress p;
-    p.angle_deg = turned_rad * 180 / std::numbers::pi;
-    p.fraction = std::clamp(turned_rad / whole_rad, 0., 1.);
-    p.frames = static_cast<int>(index_);
-    p.frames_expected = turn_.profiles + turn_.overlap_profiles;
+    p.angle_deg = (so_far.turn * whole_rad + turned_rad) * 180 / std::numbers::pi;
+    p.fraction = turns / so_far.turns;
+    p.frames = static_cast<int>(so_far.profiles);
+    p.frames_expected = so_far.turns * (turn_.profiles + turn_.overlap_profiles);
     p.frames_lost = static_cast<int>(c.lost + c.corrupt);
     p.stale_frames = static_cast<int>(c.stale);
-    p.frames_per_second = elapsed_s > 0 ? static_cast<double>(index_) / elapsed_s : 0;
+    p.frames_per_second = elapsed_s > 0 ? static_cast<double>(so_far.profiles) / elapsed_s : 0;
     p.samples = tools_.sums.samples();
     p.rejected = tools_.sums.rejected();
     p.fit_rms_mm = running_fit_.rms_mm();
@@ -157,9 +193,8 @@ class Intake {
   RunningFit running_fit_;
   std::vector<LineRow> rows_;
   Profile profile_;
-  std::uint32_t index_ = 0;
-  std::uint64_t ambiguous_ = 0;
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now(), last_report_ = start_;
+  LaserShare share_;
+  std::chrono::steady_clock::time_point last_report_ = std::chrono::steady_clock::now();
 };
 
 }  // namespace
@@ -170,14 +205,12 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
   FrameFeed& feed = tools.feed;
   const DeviceCapabilities& limits = device.capabilities();
 
-  // A frame every pitch. The run-up and the run-out keep the turn itself at constant speed.
-  const double period_s = static_cast<double>(tools.equipment.camera.mode().frame_period_ns) * 1e-9;
-  const double speed = std::min(turn.pitch_rad * turn.encoder_per_true / period_s, limits.max_speed_rad_per_s);
-  const double run_up = device.run_up_rad(speed) + 4 * speed * period_s;
-  const double start = feed.status().angle_rad + run_up;
+  const Way way = way_of_sweep(tools, turn);
+  const double speed = way.speed_rad_per_s;
+  const double start = feed.status().angle_rad + way.run_up_rad;
   const double end_turned = kTurn_rad + turn.overlap_rad;
-  const double target = start + end_turned * turn.encoder_per_true + run_up;
-  if (!limits.endless_rotation && target > limits.travel_rad) {
+  const double target = feed.status().angle_rad + way.whole_rad;
+  if (travel_ends_before(limits, target)) {
     return capture_failed("A sweep needs the table to turn to " + degrees(target) + ", but its travel ends at " +
                           degrees(limits.travel_rad) + "; scan in steps.");
   }
@@ -237,16 +270,15 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
   const double pitch = turn.pitch_rad * turn.encoder_per_true;
   const double base = feed.status().angle_rad;
   const int steps = turn.profiles + turn.overlap_profiles;
-  if (!limits.endless_rotation && base + (steps + 1) * pitch > limits.travel_rad) {
-    return capture_failed("The scan needs the table to turn to " + degrees(base + (steps + 1) * pitch) +
-                          ", but its travel ends at " + degrees(limits.travel_rad) +
-                          "; home it, or ask for fewer profiles.");
+  const double target = base + way_of_steps(turn).whole_rad;
+  if (travel_ends_before(limits, target)) {
+    return capture_failed("The scan needs the table to turn to " + degrees(target) + ", but its travel ends at " +
+                          degrees(limits.travel_rad) + "; home it, or ask for fewer profiles.");
   }
   const double sigma_rad = limits.encoder_resolution_rad / std::sqrt(12.);
 
   Intake intake(tools, turn);
   for (int k = 0; k < steps; ++k) {
-    // One step before the first profile, so that it is approached from the same side as all others.
     auto settled = device.rotate_to(base + (k + 1) * pitch, limits.max_speed_rad_per_s);
     if (!settled) return tl::make_unexpected(stop_of(settled.error()));
     if (auto on = feed.keep_laser_on(); !on) return tl::make_unexpected(on.error());
@@ -276,6 +308,7 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
     if (!frame) return tl::make_unexpected(stop_of(frame.error()));
     const FrameInfo info = frame->info;
     if (info.use != FrameUse::turn && info.use != FrameUse::overlap) continue;
+    if (!is_of_laser(camera, info, tools.turn->laser)) continue;
     if (!start) start = info.table_angle_rad;
     // Recordings may turn either way.
     double turned = std::abs(info.table_angle_rad - *start) / turn.encoder_per_true;
@@ -287,6 +320,12 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
   }
   if (!start) return capture_failed("The recording has no frame of a turn; record again.");
   return intake.result();
+}
+
+bool turn_fits_travel(const CaptureTools& tools) {
+  const Turn turn(tools);
+  const Way way = tools.request.mode == ScanMode::sweep ? way_of_sweep(tools, turn) : way_of_steps(turn);
+  return !travel_ends_before(tools.equipment.device->capabilities(), tools.feed.status().angle_rad + way.whole_rad);
 }
 
 }  // namespace celadon

@@ -1,6 +1,8 @@
 #pragma once
-// Move, frame, line, profile, log, accumulate: the part of a scan during which the table turns.
+// Move, frame, line, profile, log, accumulate: the part of a scan during which the table turns, once for each laser.
 
+#include <chrono>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -9,6 +11,7 @@
 
 #include "acquisition/laser_line.h"
 #include "daemon/frame_feed.h"
+#include "daemon/laser_agreement.h"
 #include "daemon/profile_log.h"
 #include "daemon/report.h"
 #include "daemon/scan_job.h"
@@ -17,23 +20,40 @@
 
 namespace celadon {
 
+/// One laser's turn: what its pixels mean, and what was seen of the object before it.
+struct LaserTurn {
+  int laser = 0;
+  Triangulator triangulator;
+  ScanPreparation seen;
+};
+
+/// What the turns of a scan count on from one to the next.
+struct CaptureSoFar {
+  int turn = 0, turns = 1;  ///< the present one, from 0; of the whole scan
+  std::uint32_t profiles = 0;
+  std::uint64_t ambiguous = 0;
+  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
+};
+
 /// What the capture stages work with.
 struct CaptureTools {
   const ScanEquipment& equipment;
   const ScanRequest& request;
   FrameFeed& feed;
   LaserLineExtractor& extractor;
-  const Triangulator& triangulator;
-  const ScanPreparation& preparation;
   ProfileLogWriter& log;
   MomentGrid& sums;
   FirstLook& look;
+  LaserAgreement& agreement;
   ScanObserver& observer;
+  const LaserTurn* turn = nullptr;  ///< the present one
+  CaptureSoFar* so_far = nullptr;
 };
 
 struct CaptureResult {
-  ScanCounters counters;
-  std::optional<ClosureError> closure_mm;
+  ScanCounters counters;                   ///< of all turns so far
+  std::vector<LaserShare> lasers;          ///< of this turn
+  std::optional<ClosureError> closure_mm;  ///< of this turn; of several the worst
   std::vector<std::string> warnings;
 };
 
@@ -42,7 +62,10 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools);
 /// One turn and a little more in steps, one frame at rest after each, always approached from the same side.
 tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools);
 
-/// The turn that a recording holds, each frame at the angle noted with it.
+/// The laser's turn that a recording holds, each frame at the angle noted with it.
 tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools);
+
+/// Whether the table can make the turn that the request wants from where it stands.
+bool turn_fits_travel(const CaptureTools& tools);
 
 }  // namespace celadon

@@ -13,10 +13,12 @@
 #include "daemon/dark_frame.h"
 #include "daemon/export/cad_client.h"
 #include "daemon/frame_feed.h"
+#include "daemon/laser_agreement.h"
 #include "daemon/profile_log.h"
 #include "daemon/results.h"
 #include "daemon/safe_on_exit.h"
 #include "daemon/scan_capture.h"
+#include "daemon/scan_lasers.h"
 #include "daemon/scan_preparation.h"
 #include "daemon/scan_solution.h"
 #include "fitting/range_fit.h"
@@ -109,8 +111,9 @@ tl::expected<std::unique_ptr<RecordingWriter>, ScanStop> open_recording(const Sc
 }
 
 tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEquipment& equipment, const ScanTask& task,
-                                                                   std::size_t samples_per_profile) {
-  const double wanted = kBytesPerSample * static_cast<double>(samples_per_profile) * task.request.profiles * 1.1;
+                                                                   const ScanPreparation& seen,
+                                                                   const std::vector<int>& lasers) {
+  const double wanted = kBytesPerSample * static_cast<double>(seen.samples) * task.request.profiles * 1.1;
   struct statvfs disk {};
   if (::statvfs(task.log_file.parent_path().c_str(), &disk) == 0) {
     const double free = static_cast<double>(disk.f_bavail) * static_cast<double>(disk.f_frsize);
@@ -128,6 +131,7 @@ tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEqu
   header.simulated = is_simulated(equipment);
   header.request = task.request;
   header.calibration = format_calibration(equipment.calibration);
+  header.lasers = lasers;
   auto log = ProfileLogWriter::create(task.log_file, header);
   if (!log) return failed(log.error().message);
   return std::move(*log);
@@ -186,8 +190,10 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     if (points) truth = std::move(*points);
     if (!points) notes.warnings.push_back("The simulator's truth is not known: " + points.error());
   }
-  const int laser = equipment.calibration.lasers.front().laser;
-  const Triangulator triangulator(equipment.calibration, laser, equipment.volume);
+  const auto lasers = lasers_of(task.request, equipment.calibration,
+                                lasers_present(equipment.device, equipment.camera, equipment.calibration));
+  if (!lasers) return failed(lasers.error(), ScanFailure::device);
+  std::vector<LaserTurn> turns = turns_with(*lasers, equipment.calibration, equipment.volume);
   LaserLineExtractor extractor;
   if (recorded == nullptr) {
     auto ready = make_device_ready(equipment, task, observer);
@@ -195,18 +201,18 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   }
   auto recording = open_recording(equipment, task);
   if (!recording) return tl::make_unexpected(recording.error());
-  auto feed = FrameFeed::start(equipment, observer, triangulator, laser);
+  auto feed = FrameFeed::start(equipment, observer, turns.front().triangulator, turns.front().laser);
   if (!feed) return tl::make_unexpected(feed.error());
   if (*recording) (*feed)->record_frames_in(**recording);
-  auto seen = recorded != nullptr ? look_at_recording(equipment, extractor, triangulator)
-                                  : look_at_object(equipment, **feed, extractor, triangulator);
+  auto seen = look_with_each(equipment, **feed, extractor, turns);
   if (!seen) return tl::make_unexpected(seen.error());
   notes.warnings.insert(notes.warnings.end(), seen->warnings.begin(), seen->warnings.end());
-  auto log = open_log(equipment, task, seen->samples);
+  auto log = open_log(equipment, task, *seen, *lasers);
   if (!log) return tl::make_unexpected(log.error());
   (*feed)->record_in(**log);
   MomentGrid sums(grid_for(task.request, *seen, equipment.volume));
   FirstLook look(sums);
+  LaserAgreement agreement(sums.specification(), *lasers, task.request.profiles);
   clock.end("prepare");
 
   // Move, frame, line, profile, log, accumulate. The CAD helper starts meanwhile.
@@ -215,11 +221,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   auto cad = std::find(formats.begin(), formats.end(), ResultFormat::step) != formats.end()
                  ? CadWorker::start()
                  : tl::make_unexpected(std::string());
-  const CaptureTools tools{equipment, task.request, **feed, extractor, triangulator,
-                           *seen,     **log,        sums,   look,      observer};
-  auto captured = recorded != nullptr                    ? replay(tools)
-                  : task.request.mode == ScanMode::sweep ? sweep(tools)
-                                                         : step_around(tools);
+  auto captured =
+      turn_with_each({equipment, task.request, **feed, extractor, **log, sums, look, agreement, observer}, turns);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
@@ -227,7 +230,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   // The camera is this look's alone until it is over, and stops with it.
   const auto look_for_light = [&, dark_since_ns = recorded != nullptr ? 0 : equipment.clock.now_ns()] {
     std::optional<std::string> light;
-    if (recorded == nullptr) light = light_although_off(equipment.camera, triangulator, *seen, dark_since_ns);
+    const LaserTurn& last = turn_of((*feed)->laser(), turns);
+    if (recorded == nullptr) light = light_although_off(equipment.camera, last.triangulator, last.seen, dark_since_ns);
     equipment.camera.stop();
     return light;
   };
@@ -248,6 +252,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   }
   notes.scan = captured->counters;
   notes.closure_mm = captured->closure_mm;
+  notes.lasers = captured->lasers;
+  notes.agreement_mm = agreement.result();
   notes.warnings.insert(notes.warnings.end(), captured->warnings.begin(), captured->warnings.end());
   if (auto finished = (*log)->finish(LogOutcome::complete, ""); !finished) return failed(finished.error().message);
   clock.end("make_safe");
@@ -274,6 +280,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     surfaces.push_back({piece.function, piece.surface});
   }
   if (auto warning = closure_warning(notes.closure_mm, body->noise_mm)) notes.warnings.push_back(*warning);
+  if (auto warning = agreement_warning(notes.agreement_mm, equipment.calibration.systematic_mm))
+    notes.warnings.push_back(*warning);
   notes.truth_mm = truth_error(functions, truth);
   std::vector<std::string> warnings;
   const auto measured = [&] {

@@ -225,18 +225,35 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
   return preparation;
 }
 
+bool is_of_laser(const FrameSource& camera, const FrameInfo& frame, int laser) {
+  const RecordedScan* const recorded = camera.recorded();
+  return recorded == nullptr || recorded->lasers.empty() || frame.laser == laser;
+}
+
 tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment, LaserLineExtractor& extractor,
-                                                          const Triangulator& triangulator) {
+                                                          const Triangulator& triangulator, int laser,
+                                                          RecordedLook which) {
   FrameSource& camera = equipment.camera;
+  camera.stop();  // from its first frame again
+  if (auto started = camera.start(); !started) return tl::make_unexpected(stop_of(started.error()));
   ScanPreparation preparation;
   MeanFrame dark;
   Frame look;
-  // The look is the last one before the turn, or the turn's first frame.
+  // The look is the last one before the turn, or the turn's first frame; the background is the one before it.
   while (!look || look.info.use == FrameUse::look) {
     auto frame = camera.next(0);
     if (!frame && frame.error().kind == CameraError::Kind::end_of_stream) break;
     if (!frame) return tl::make_unexpected(stop_of(frame.error()));
+    if (!is_of_laser(camera, frame->info, laser)) {
+      const bool turns = frame->info.use == FrameUse::turn || frame->info.use == FrameUse::overlap;
+      if (turns && look && which == RecordedLook::before_all_turns) break;
+      continue;
+    }
     if (frame->info.use == FrameUse::background) {
+      if (look) {
+        look.release();
+        dark = MeanFrame();
+      }
       if (dark.count() == kBackgroundFrames) continue;
       if (auto added = dark.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
     } else if (!look || frame->info.use == FrameUse::look) {
@@ -245,7 +262,9 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
       break;
     }
   }
-  if (!look) return device_failed("The recording has no frame with the laser on; record again.");
+  if (!look) {
+    return device_failed("The recording has no frame with laser " + std::to_string(laser) + " on; record again.");
+  }
   preparation.background = dark.mean();
   std::vector<LineRow> rows(static_cast<std::size_t>(camera.mode().height_px));
   extractor.extract(camera.mode(), look.bytes(), preparation.background, rows);

@@ -38,9 +38,14 @@ tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& fee
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
                                                        LaserLineExtractor& extractor, const Triangulator& triangulator);
 
-/// The same of a recording, whose camera streams: background from its frames with the laser off before the turn (none:
-/// empty), the object from its last look, else from the first frame of the turn.
+/// Which of the looks with a laser: those that fixed what is worked on, or the ones that its own turn followed.
+enum class RecordedLook { before_all_turns, before_its_turn };
+/// The same of a recording, which it starts from its first frame: background from the laser's frames with the laser off
+/// (none: empty), the object from its last look, else from the first frame of its turn.
 tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment, LaserLineExtractor& extractor,
-                                                          const Triangulator& triangulator);
+                                                          const Triangulator& triangulator, int laser,
+                                                          RecordedLook which);
+/// Whether a recorded frame belongs to a laser's turn; in a recording that does not say, each does.
+bool is_of_laser(const FrameSource& camera, const FrameInfo& frame, int laser);
 
 }  // namespace celadon

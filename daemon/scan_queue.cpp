@@ -5,6 +5,8 @@
 
 #include <spdlog/spdlog.h>
 
+#include "daemon/scan_lasers.h"
+
 namespace celadon {
 namespace {
 
@@ -88,6 +90,9 @@ tl::expected<ScanRecord, ServiceError> ScanQueue::submit(const ScanRequest& requ
     if (stop_) return tl::make_unexpected(ServiceError{503, "ending", "The daemon is ending; start it again."});
     if (!machine_.connected) {
       return tl::make_unexpected(ServiceError{503, "no machine", "No machine is connected: " + machine_.error});
+    }
+    if (const auto lasers = lasers_of(request, calibration_, machine_.lasers); !lasers) {
+      return tl::make_unexpected(ServiceError{422, "no such laser", lasers.error()});
     }
     if (queue_.size() >= options_.longest_queue) {
       return tl::make_unexpected(ServiceError{

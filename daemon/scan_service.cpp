@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <set>
 
 #include <nlohmann/json.hpp>
 
@@ -13,6 +14,7 @@ using nlohmann::json;
 
 constexpr std::size_t kLongestName = 64;
 constexpr int kFewestProfiles = 16, kMostProfiles = 100'000;
+constexpr int kMostLasers = 4;  // of a controller (firmware_bridge/PROTOCOL.md)
 constexpr double kLongestExposure_ms = 1000, kLargestTolerance_mm = 100;
 constexpr std::array<const char*, 4> kShapes = {"cylinder", "sphere", "composite", "auto"};
 constexpr std::array<const char*, 5> kModels = {"auto", "cylinder", "revolution", "translational", "general"};
@@ -33,6 +35,8 @@ json request_json(const ScanRequest& request) {
             {"degree_u", request.degree_u},
             {"degree_v", request.degree_v},
             {"formats", request.formats}};
+  // Left out where nothing was asked for: programs from before there was a choice read such requests.
+  if (!request.lasers.empty()) j["lasers"] = request.lasers;
   if (request.form_tolerance_mm) j["form_tolerance_mm"] = *request.form_tolerance_mm;
   return j;
 }
@@ -119,6 +123,18 @@ std::string name_field(const json& value) {
   return name;
 }
 
+std::vector<int> lasers_field(const json& value) {
+  const std::string allowed = "\"all\" or a list of different numbers from 0 to " + std::to_string(kMostLasers - 1);
+  std::vector<int> lasers;
+  if (value == "all") return lasers;
+  if (!value.is_array()) refuse("lasers", value, allowed);
+  for (const json& entry : value) {
+    lasers.push_back(whole_field("lasers", entry, 0, kMostLasers - 1));
+  }
+  if (std::set<int>(lasers.begin(), lasers.end()).size() != lasers.size()) refuse("lasers", value, allowed);
+  return lasers;
+}
+
 void read_field(ScanRequest& request, const std::string& field, const json& value) {
   if (field == "name") {
     request.name = name_field(value);
@@ -129,6 +145,8 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
     request.profiles = whole_field(field, value, kFewestProfiles, kMostProfiles);
   } else if (field == "exposure_ms") {
     request.exposure_ms = number_field(field, value, kLongestExposure_ms, "ms");
+  } else if (field == "lasers") {
+    request.lasers = lasers_field(value);
   } else if (field == "shape") {
     request.shape = one_of(field, value, kShapes);
   } else if (field == "model") {
@@ -152,10 +170,10 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
       }
     }
   } else {
-    throw Refusal{
-        "'" + field.substr(0, 60) +
-        "' is not a field of a scan request; give name, mode, profiles, exposure_ms, shape, model, tolerance_mm, "
-        "form_tolerance_mm, degree_u, degree_v or formats."};
+    throw Refusal{"'" + field.substr(0, 60) +
+                  "' is not a field of a scan request; give name, mode, profiles, exposure_ms, lasers, shape, model, "
+                  "tolerance_mm, "
+                  "form_tolerance_mm, degree_u, degree_v or formats."};
   }
 }
 
@@ -186,6 +204,7 @@ json to_json(const MachineState& machine) {
           {"simulated", machine.simulated},
           {"motion", machine.motion},
           {"angle_deg", machine.angle_deg},
+          {"lasers", machine.lasers},
           {"interlock_closed", machine.interlock_closed},
           {"laser_on", machine.laser_on},
           {"fault", machine.fault},

@@ -24,6 +24,7 @@ struct ScanRequest {
   ScanMode mode = ScanMode::sweep;
   int profiles = 1200;             ///< a turn, 16 .. 100000
   double exposure_ms = 0;          ///< 0: as the camera stands
+  std::vector<int> lasers = {};    ///< a turn with each, in this order; empty: all that are calibrated
   std::string shape = "cylinder";  ///< cylinder|sphere|composite|auto
   std::string model = "auto";      ///< auto|cylinder|revolution|translational|general
   double tolerance_mm = 0;         ///< 0: what the data carry
@@ -74,6 +75,7 @@ struct MachineState {
   bool simulated = false;
   std::string motion;  ///< "standstill", "moving", ...
   double angle_deg = 0;
+  std::vector<int> lasers;  ///< that it has
   bool interlock_closed = false, laser_on = false;
   std::string fault;
   bool remote_enabled = true;  ///< the machine's switch, if it has one, allows a start from afar

@@ -1,5 +1,6 @@
 // celadon scan, watch, status, cancel: clients of the daemon.
 
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -28,14 +29,25 @@ struct ScanArguments {
   std::uint64_t seed = 1;
   int profiles = 1200;
   double exposure_ms = 0, tolerance_mm = 0, form_tolerance_mm = -1;
+  std::vector<std::string> lasers = {"all"};
   std::vector<int> degree = {3, 3};
   std::vector<std::string> formats;
 };
+
+// The lasers named; empty: all.
+std::vector<int> lasers_of(const ScanArguments& a) {
+  std::vector<int> lasers;
+  for (const std::string& laser : a.lasers) {
+    if (laser != "all") lasers.push_back(std::stoi(laser));
+  }
+  return lasers;
+}
 
 json request_of(const ScanArguments& a) {
   json request{{"mode", a.mode},         {"profiles", a.profiles},         {"shape", a.shape},
                {"model", a.model},       {"tolerance_mm", a.tolerance_mm}, {"degree_u", a.degree[0]},
                {"degree_v", a.degree[1]}};
+  if (const auto lasers = lasers_of(a); !lasers.empty()) request["lasers"] = lasers;
   if (a.exposure_ms > 0) request["exposure_ms"] = a.exposure_ms;
   if (!a.name.empty()) request["name"] = a.name;
   if (a.name.empty() && !a.scene.empty()) request["name"] = a.scene;
@@ -53,12 +65,17 @@ int refused(const HttpResponse& answer) {
 }
 
 int scan(const ScanArguments& arguments) {
+  if (arguments.lasers.size() > 1 && !lasers_of(arguments).empty() &&
+      lasers_of(arguments).size() != arguments.lasers.size())
+    return fail(2, "--lasers takes all or numbers; leave one of them out");
   catch_interrupts();
   if (const int code = prepare_folder(arguments.follow.folder)) return code;
   std::optional<VirtualScanner> simulated;
   std::string server = arguments.server;
   if (!arguments.scene.empty()) {
-    auto started = VirtualScanner::start({arguments.scene, arguments.seed});
+    const std::vector<int> lasers = lasers_of(arguments);
+    const bool second = std::find(lasers.begin(), lasers.end(), 1) != lasers.end();
+    auto started = VirtualScanner::start({arguments.scene, arguments.seed, second ? 2 : 1});
     if (!started) return fail(3, started.error());
     simulated.emplace(std::move(*started));
     server = simulated->server();
@@ -137,6 +154,14 @@ void add_scan_command(CLI::App& program, Run& run) {
   command->add_option("--profiles", a->profiles, "a turn, 16 to 100000")->check(CLI::Range(16, 100000));
   command->add_option("--exposure", a->exposure_ms, "exposure time [ms]; 0: as the camera stands")
       ->check(not_negative());
+  command
+      ->add_option(
+          "--lasers", a->lasers,
+          "a full turn with each, in this order: all that are calibrated, or numbers, as 0,1; a virtual scanner "
+          "has a second one if it is named")
+      ->delimiter(',')
+      ->expected(1, 4)
+      ->check(CLI::IsMember({"all", "0", "1", "2", "3"}));
   command
       ->add_option(
           "--shape", a->shape,

@@ -131,6 +131,19 @@ std::string summary_of(const json& report) {
   text += line("  samples     %llu, of which %llu rejected and %.2f %% that no single-valued surface can follow",
                static_cast<unsigned long long>(report["points"]), static_cast<unsigned long long>(report["rejected"]),
                100.0 * report["unfollowable"].get<double>() / std::max(1.0, report["points"].get<double>()));
+  const json lasers = report.value("lasers", json::array());
+  if (lasers.size() > 1) {
+    for (const auto& share : lasers) {
+      text += line("  laser       %d: %.2f M samples in %d profiles", share["laser"].get<int>(),
+                   share["samples"].get<double>() / 1e6, share["profiles"].get<int>());
+    }
+    if (report.contains("agreement_mm")) {
+      const auto& agreement = report["agreement_mm"];
+      text += "  agreement   laser " + agreement["lasers"][1].dump() + " minus laser " + agreement["lasers"][0].dump() +
+              ": " + length(agreement["bias"]) + " on average, standard error " + length(agreement["bias_sd"]) +
+              "; rms " + length(agreement["rms"]) + line(" in %d cells", agreement["cells"].get<int>());
+    }
+  }
   text +=
       "  noise       " + length(report["noise_mm"]) + line(" (correlation factor %.2f)", report["kappa"].get<double>());
   text += "  fit error   " + errors(report["geometric_mm"]) + " (perpendicular)\n";

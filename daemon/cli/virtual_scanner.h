@@ -33,6 +33,7 @@ class ChildProcess {
 struct VirtualScannerOptions {
   std::string scene = "vase";
   std::uint64_t seed = 1;
+  int lasers = 1;  ///< 1 or 2
 };
 
 /// A virtual scanner with a daemon that drives it, in lock-step as fast as it goes; the daemon takes the simulator's

@@ -191,8 +191,34 @@ TEST_F(Recording, a_broken_index_is_refused_with_its_line) {
   EXPECT_THAT(refusal(), HasSubstr("6 fields"));
   write("index.csv",
         "celadon-recording,1.3\ncamera,T\nfps,3\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\na.pgm,0,0,0,1,turn,0,"
-        "0,0,new\n");
+        "0,0,1,new\n");
   EXPECT_TRUE(open_frame_source(url()));
+}
+
+TEST_F(Recording, frames_belong_to_the_turns_of_lasers) {
+  write("a.pgm", "P5\n2 1\n255\nab");
+  const auto with = [&](const std::string& lines) {
+    write("index.csv", "celadon-recording,1.2\ncamera,T\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\n" + lines);
+  };
+  with(
+      "a.pgm,0,1,0,1,look,0,0,0,0\na.pgm,0,2,0,1,turn,0,0,0,2\na.pgm,0,3,0,0,background,0,0,0,0\n"
+      "a.pgm,0,4,0,1,turn,0,0,0,0\na.pgm,0,5,0,1,turn,0,0,0,0\n");
+  auto source = open_frame_source(url());
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_EQ((*source)->recorded()->lasers, (std::vector<int>{2, 0}));
+  ASSERT_TRUE((*source)->start());
+  for (const int laser : {0, 2, 0, 0, 0}) EXPECT_EQ((*source)->next(0)->info.laser, laser);
+
+  // Frames of 1.0 and 1.1 do not say.
+  with("a.pgm,0,1,0,1\na.pgm,0,2,0,1,turn,0,0,0\n");
+  source = open_frame_source(url());
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_TRUE((*source)->recorded()->lasers.empty());
+
+  for (const char* bad : {"-1", "256", "left", "0,0", ""}) {
+    with(std::string("a.pgm,0,1,0,1,turn,0,0,0,") + bad + "\n");
+    EXPECT_THAT(refusal(), HasSubstr("index.csv, line 4")) << bad;
+  }
 }
 
 TEST_F(Recording, what_a_frame_was_for_is_checked) {
@@ -275,7 +301,8 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
          .table_speed_rad_per_s = *rc::gen::inRange(-1000, 1000) / 3e2,
          .stamp_ns = stamp,
          .exposure_ns = *rc::gen::inRange<std::int64_t>(0, INT64_MAX),
-         .use = *rc::gen::element(FrameUse::background, FrameUse::look, FrameUse::turn, FrameUse::overlap)});
+         .use = *rc::gen::element(FrameUse::background, FrameUse::look, FrameUse::turn, FrameUse::overlap),
+         .laser = *rc::gen::inRange(0, 256)});
     stamp += *rc::gen::inRange<std::int64_t>(1, 1'000'000'000'000);
   }
   const auto parsed = parse_recording_index(format_recording_index(index), "x");
@@ -295,6 +322,7 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
     RC_ASSERT(a.stamp_ns == b.stamp_ns);
     RC_ASSERT(a.exposure_ns == b.exposure_ns);
     RC_ASSERT(a.use == b.use);
+    RC_ASSERT(a.laser == b.laser);
     RC_ASSERT(a.table_angle_rad == b.table_angle_rad);
     RC_ASSERT(a.table_angle_sigma_rad == b.table_angle_sigma_rad);
     RC_ASSERT(a.table_speed_rad_per_s == b.table_speed_rad_per_s);

@@ -7,10 +7,14 @@
 namespace celadon::testing {
 namespace {
 
-// The camera stands at y = -300, 60 mm above the platter, and looks along +y; the laser's plane holds the axis and
-// leaves it 30 degrees beside the camera.
+// The camera stands at y = -300, 60 mm above the platter, and looks along +y; the planes of the lasers hold the axis
+// and leave it 30 degrees beside the camera, on both sides.
 constexpr double kFocal_px = 500, kCx = 159.5, kCy = 119.5, kDistance_mm = 300, kHeight_mm = 60;
 const double kAside_rad = std::numbers::pi / 6;
+
+double aside_rad(int laser) {
+  return laser == 0 ? kAside_rad : -kAside_rad;
+}
 
 constexpr const char* kCameraName = "fake camera 1";
 
@@ -111,11 +115,15 @@ Measured exact(double value) {
 
 }  // namespace
 
-FakeMachine::FakeMachine(std::uint16_t features)
+FakeMachine::FakeMachine(std::uint16_t features, double travel_deg)
     : core_(
-          [features] {
+          [features, travel_deg] {
             ControllerConfig config = test::test_config();
             config.axis[0].features = static_cast<std::uint16_t>(config.axis[0].features | features);
+            if (travel_deg > 0) {
+              config.axis[0].features = static_cast<std::uint16_t>(config.axis[0].features & ~protocol::kEndless);
+              config.axis[0].travel_max_udeg = static_cast<std::int32_t>(travel_deg * 1e6);
+            }
             config.safety_hardware |= protocol::kHasRemoteEnable;
             return config;
           }(),
@@ -158,17 +166,20 @@ double FakeMachine::speed() {
   return plant_.speed_udeg(now_us_);
 }
 
-Calibration FakeMachine::calibration() const {
+Calibration FakeMachine::calibration(int lasers) const {
   Calibration c;
   c.machine = "Celadon test table 0001";
   c.camera = kCameraName;
   c.date = "2026-01-01T00:00:00Z";
   c.simulated = true;
   c.camera_model = {kWidth, kHeight, exact(kFocal_px), exact(kFocal_px), exact(kCx), exact(kCy), {}};
-  LaserPlane laser;
-  laser.normal_C = {std::cos(kAside_rad), 0, std::sin(kAside_rad)};
-  laser.distance_mm = std::sin(kAside_rad) * kDistance_mm;
-  c.lasers = {laser};
+  for (int k = 0; k < lasers; ++k) {
+    LaserPlane laser;
+    laser.laser = k;
+    laser.normal_C = {std::cos(aside_rad(k)), 0, std::sin(aside_rad(k))};
+    laser.distance_mm = std::sin(aside_rad(k)) * kDistance_mm;
+    c.lasers.push_back(laser);
+  }
   c.axis.X_CW.linear() << 1, 0, 0, 0, 0, -1, 0, 1, 0;
   c.axis.X_CW.translation() << 0, kHeight_mm, kDistance_mm;
   c.systematic_mm = 0.01;
@@ -220,7 +231,7 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     const double turned_deg = static_cast<double>(plant_.axis(0, now_us_).position_udeg) * 1e-6;
     // A slip: the object lags behind the encoder, more with every turn.
     shot.angle_rad = turned_deg * (1 - slip_per_turn_deg / 360) * std::numbers::pi / 180;
-    shot.lit = plant_.lasers != 0 || laser_hidden;
+    shot.lasers = static_cast<std::uint16_t>(plant_.lasers | (laser_hidden ? 1 : 0));
     shot.lost_before = std::exchange(dropped_, 0);
     shots_.push_back(shot);
   }
@@ -261,35 +272,38 @@ std::optional<FakeMachine::Shot> FakeMachine::take_shot(std::int64_t timeout_us)
   return shot;
 }
 
-/// The line where the laser's plane meets the object, one Gaussian a row, on a background with fixed texture.
+/// Column of a laser's line in a row: where its plane meets the object; -1 without one.
+double FakeMachine::line_px(int laser, const Shot& shot, int row) const {
+  if ((shot.lasers >> laser & 1) == 0 || camera_dark) return -1;
+  const double aside = aside_rad(laser);
+  const double world = -std::numbers::pi / 2 + aside;  // direction of the laser's half plane
+  const double down = (row - kCy) / kFocal_px;
+  double r = 30;
+  for (int i = 0; i < 40; ++i) {  // the row's ray meets the surface where z and r agree; a contraction
+    const double z = kHeight_mm - (kDistance_mm - r * std::cos(aside)) * down;
+    r = shape(world - shot.angle_rad, z);
+    if (r <= 0) return -1;
+  }
+  return kCx + kFocal_px * r * std::sin(aside) / (kDistance_mm - r * std::cos(aside));
+}
+
+/// The lines of the lasers, one Gaussian a row, on a background with fixed texture.
 void FakeMachine::draw(const Shot& shot, std::uint8_t* pixels) const {
   std::uint32_t random = static_cast<std::uint32_t>(shot.sequence) * 2654435761u + 12345u;
   const auto noise = [&] {
     random = random * 1664525u + 1013904223u;
     return static_cast<double>(random >> 24) / 256 * 4 - 2;
   };
-  const double world = -std::numbers::pi / 2 + kAside_rad;  // direction of the laser's half plane
   for (int row = 0; row < kHeight; ++row) {
-    double x = -1;
-    if (shot.lit && !camera_dark) {
-      const double down = (row - kCy) / kFocal_px;
-      double z = kHeight_mm, r = 30;
-      for (int i = 0; i < 40; ++i) {  // the row's ray meets the surface where z and r agree; a contraction
-        z = kHeight_mm - (kDistance_mm - r * std::cos(kAside_rad)) * down;
-        const double found = shape(world - shot.angle_rad, z);
-        if (found <= 0) {
-          r = 0;
-          break;
-        }
-        r = found;
-      }
-      if (r > 0) x = kCx + kFocal_px * r * std::sin(kAside_rad) / (kDistance_mm - r * std::cos(kAside_rad));
-    }
+    const double lines[] = {line_px(0, shot, row), line_px(1, shot, row)};
     for (int column = 0; column < kWidth; ++column) {
-      const double off = (column - x) / 1.6;
-      const double line = x >= 0 ? 150 * std::exp(-off * off / 2) : 0;
+      double light = 0;
+      for (const double x : lines) {
+        const double off = (column - x) / 1.6;
+        if (x >= 0) light += 150 * std::exp(-off * off / 2);
+      }
       pixels[row * kWidth + column] =
-          static_cast<std::uint8_t>(std::clamp(12 + (column % 7) + line + noise(), 0., 255.));
+          static_cast<std::uint8_t>(std::clamp(12 + (column % 7) + light + noise(), 0., 255.));
     }
   }
 }

@@ -26,7 +26,8 @@ class FakeMachine {
   static constexpr std::size_t kBuffers = 4;  ///< of the driver; when all are full, newer frames are lost
 
   /// @param features  bits of the turntable's, beside the usual ones
-  explicit FakeMachine(std::uint16_t features = 0);
+  /// @param travel_deg  of the table; 0: it turns without end
+  explicit FakeMachine(std::uint16_t features = 0, double travel_deg = 0);
 
   // --- the object: range at (theta, z) in its own frame, 0 where there is nothing ---
   std::function<double(double theta_rad, double z_mm)> shape = vase;
@@ -46,9 +47,10 @@ class FakeMachine {
   std::atomic<std::int64_t> stamp_step_us = 0;
   std::atomic<std::int64_t> late_us = 0;  ///< every second frame is exposed so much later, or every one
   std::atomic<bool> all_late = false;
-  std::atomic<bool> laser_hidden = false;  ///< shines always, and the controller does not see it
+  std::atomic<bool> laser_hidden = false;  ///< the first shines always, and the controller does not see it
 
-  Calibration calibration() const;
+  /// @param lasers  that are calibrated: the first stands to the right of the camera, the second to its left
+  Calibration calibration(int lasers = 1) const;
   /// What a daemon connects to; the machine must outlive it.
   tl::expected<ScannerConnection, ConnectError> connect(const Calibration& calibration);
 
@@ -61,12 +63,13 @@ class FakeMachine {
     std::uint64_t sequence = 0;
     std::int64_t stamp_us = 0;
     double angle_rad = 0;
-    bool lit = false;
+    std::uint16_t lasers = 0;  ///< that shone
     std::uint32_t lost_before = 0;
   };
   void stream(bool on);
   std::optional<Shot> take_shot(std::int64_t timeout_us);
   void draw(const Shot& shot, std::uint8_t* pixels) const;
+  double line_px(int laser, const Shot& shot, int row) const;
 
  private:
   void advance_locked(std::uint64_t time_us);

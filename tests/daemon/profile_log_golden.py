@@ -1,6 +1,7 @@
 """Writes, by hand and from the grammar alone, the log that profile_log_test.cpp compares byte for byte.
 
-Usage: python3 profile_log_golden.py > profile_log_golden.inc     (committed beside it)
+Usage: python3 profile_log_golden.py > profile_log_golden.inc              (committed beside it)
+       python3 profile_log_golden.py 1.0 > profile_log_golden_1_0.inc      the same by version 1.0
 """
 import struct
 import sys
@@ -23,9 +24,11 @@ def record(number, kind, payload):
     return head + struct.pack("<I", crc32c(head)) + payload + bytes(-len(payload) % 8)
 
 
+minor = 0 if sys.argv[1:] == ["1.0"] else 1
 header = (
     b'{"calibration":"text of\\na calibration","camera":"camera 1","date":"2026-01-02T03:04:05Z",'
-    b'"machine":"machine 1","request":{"degree_u":3,"degree_v":3,"exposure_ms":0.0,'
+    + (b'"lasers":[1,0],' if minor >= 1 else b"")
+    + b'"machine":"machine 1","request":{"degree_u":3,"degree_v":3,"exposure_ms":0.0,'
     b'"formats":["step","stl","ply","surface.json"],"mode":"sweep","model":"auto","name":"vase","profiles":1200,"shape":"cylinder",'
     b'"tolerance_mm":0.0},"simulated":true,"writer":"celadond 0.1.0"}'
 )
@@ -40,7 +43,7 @@ profile += struct.pack("<2H", 100, 101)
 overlap = struct.pack("<IHBBddqII", 4, 0, 0, 1, 0.0, 6.5, 1600, 1, 0) + struct.pack("<3d", 30.0, 6.5, 10.0)
 end = struct.pack("<HHIQQQQQ", 1, 0, 1, 2, 1, 2, 0, 0) + b"button pressed"
 
-log = b"\x89CEL\r\n\x1a\n" + struct.pack("<HHI", 1, 0, 0)
+log = b"\x89CEL\r\n\x1a\n" + struct.pack("<HHI", 1, minor, 0)
 for number, (kind, payload) in enumerate(
     [(1, header), (2, pose0), (5, position), (6, frame), (3, profile), (4, overlap), (7, end)]
 ):

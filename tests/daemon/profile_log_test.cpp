@@ -27,6 +27,10 @@ const unsigned char kGolden[] = {
 #include "tests/daemon/profile_log_golden.inc"
 };
 
+const unsigned char kGolden_1_0[] = {
+#include "tests/daemon/profile_log_golden_1_0.inc"
+};
+
 std::string golden() {
   return {reinterpret_cast<const char*>(kGolden), sizeof kGolden};
 }
@@ -34,6 +38,7 @@ std::string golden() {
 LogHeader golden_header() {
   LogHeader header{"2026-01-02T03:04:05Z", "machine 1", "camera 1", true, {}, "text of\na calibration"};
   header.request.name = "vase";
+  header.lasers = {1, 0};
   return header;
 }
 
@@ -146,6 +151,7 @@ TEST(ProfileLog, ReadsALogWrittenByHand) {
   EXPECT_EQ((*log)->header().calibration, "text of\na calibration");
   EXPECT_EQ((*log)->header().request.name, "vase");
   EXPECT_TRUE((*log)->header().simulated);
+  EXPECT_EQ((*log)->header().lasers, (std::vector<int>{1, 0}));
   for (int pass = 0; pass < 3; ++pass) {
     const Profile* p = (*log)->next();
     ASSERT_NE(p, nullptr);
@@ -183,6 +189,20 @@ TEST(ProfileLog, ReadsALogWrittenByHand) {
   EXPECT_EQ(positions, 1);
   EXPECT_EQ(frames, 1);
   EXPECT_EQ(overlaps, 1);
+}
+
+TEST(ProfileLog, ReadsALogOfVersion1_0) {
+  const TemporaryFolder folder;
+  write_file(folder / "log", {reinterpret_cast<const char*>(kGolden_1_0), sizeof kGolden_1_0});
+  auto log = ProfileLogReader::open(folder / "log");
+  ASSERT_TRUE(log) << log.error().message;
+  EXPECT_TRUE((*log)->header().lasers.empty());
+  EXPECT_EQ((*log)->header().request.name, "vase");
+  const Profile* p = (*log)->next();
+  ASSERT_NE(p, nullptr);
+  expect_equal(*p, golden_profile());
+  EXPECT_EQ((*log)->next(), nullptr);
+  EXPECT_EQ((*log)->error(), "");
 }
 
 TEST(ProfileLog, NeverOverwrites) {
@@ -267,7 +287,7 @@ TEST(ProfileLog, SaysWhatIsNoLog) {
   EXPECT_NE(message(golden().substr(0, 20)).find("no readable header"), std::string::npos);
   std::string other = golden();
   other[8] = 2;
-  EXPECT_NE(message(other).find("version is 2.0"), std::string::npos);
+  EXPECT_NE(message(other).find("version is 2.1"), std::string::npos);
   EXPECT_FALSE(ProfileLogReader::open(folder.path()));
   EXPECT_FALSE(ProfileLogReader::open(folder / "absent"));
 }

@@ -33,6 +33,10 @@ TEST(ScanRequestJson, EmptyMeansTheDefaults) {
   EXPECT_EQ(request->profiles, 1200);
   EXPECT_EQ(request->model, "auto");
   EXPECT_EQ(request->formats.size(), 4u);
+  EXPECT_TRUE(request->lasers.empty());
+  const auto all = scan_request_from_json(json{{"lasers", "all"}});
+  ASSERT_TRUE(all);
+  EXPECT_TRUE(all->lasers.empty());
 }
 
 TEST(ScanRequestJson, EveryFieldComesBack) {
@@ -41,6 +45,7 @@ TEST(ScanRequestJson, EveryFieldComesBack) {
   record.request.mode = ScanMode::step;
   record.request.profiles = 16;
   record.request.exposure_ms = 1.25;
+  record.request.lasers = {1, 0};
   record.request.model = "revolution";
   record.request.tolerance_mm = 0.1;
   record.request.form_tolerance_mm = 0.05;
@@ -72,6 +77,11 @@ TEST(ScanRequestJson, NamesWhatIsWrong) {
       {R"({"profiles": "100"})", "profiles is \"100\""},
       {R"({"exposure_ms": -1})", "exposure_ms is -1"},
       {R"({"exposure_ms": 1e300})", "exposure_ms"},
+      {R"({"lasers": 1})", "lasers is 1; give \"all\" or a list"},
+      {R"({"lasers": [0, 0]})", "lasers is [0,0]"},
+      {R"({"lasers": [4]})", "lasers is 4"},
+      {R"({"lasers": [-1]})", "lasers is -1"},
+      {R"({"lasers": ["0"]})", "lasers is \"0\""},
       {R"({"model": "sphere"})", "model is \"sphere\""},
       {R"({"tolerance_mm": true})", "tolerance_mm is true"},
       {R"({"form_tolerance_mm": -0.1})", "form_tolerance_mm is -0.1"},

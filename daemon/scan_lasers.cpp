@@ -1,0 +1,209 @@
+#include "daemon/scan_lasers.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "daemon/dark_frame.h"
+
+namespace celadon {
+namespace {
+
+constexpr std::int64_t kRestLimit_ns = 30'000'000'000;
+
+std::string numbers_of(std::span<const int> lasers) {
+  std::string text;
+  for (const int laser : lasers) text += (text.empty() ? "" : ", ") + std::to_string(laser);
+  return text.empty() ? "none" : text;
+}
+
+bool holds(std::span<const int> lasers, int laser) {
+  return std::find(lasers.begin(), lasers.end(), laser) != lasers.end();
+}
+
+std::string name_of(const LaserTurn& turn) {
+  return "Laser " + std::to_string(turn.laser) + ": ";
+}
+
+/// Says which laser a sentence is about, where there are several; what ended the scan from outside is about none.
+ScanStop about(const LaserTurn& turn, std::span<const LaserTurn> turns, ScanStop stop) {
+  if (turns.size() > 1 && stop.state == ScanState::failed && !stop.device_lost && !stop.camera_lost)
+    stop.reason = name_of(turn) + stop.reason;
+  return stop;
+}
+
+tl::expected<void, ScanStop> look_again(const ScanEquipment& equipment, FrameFeed& feed, LaserLineExtractor& extractor,
+                                        LaserTurn& turn, std::span<const LaserTurn> turns, RecordedLook which) {
+  auto seen = equipment.device == nullptr
+                  ? look_at_recording(equipment, extractor, turn.triangulator, turn.laser, which)
+                  : look_at_object(equipment, feed, extractor, turn.triangulator);
+  if (!seen) return tl::make_unexpected(about(turn, turns, seen.error()));
+  turn.seen = std::move(*seen);
+  if (turns.size() > 1) {
+    for (std::string& warning : turn.seen.warnings) warning.insert(0, name_of(turn));
+  }
+  return {};
+}
+
+/// Waits until the table, which ends its turn by itself, stands.
+tl::expected<void, ScanStop> come_to_rest(const CaptureTools& tools) {
+  const std::int64_t since_ns = tools.equipment.clock.now_ns();
+  while (tools.feed.status().motion != MotionState::standstill) {
+    if (tools.equipment.clock.now_ns() - since_ns > kRestLimit_ns) {
+      return tl::make_unexpected(ScanStop{ScanState::failed,
+                                          "The table did not come to rest within 30 s after its turn; check the drive "
+                                          "and start a new scan."});
+    }
+    if (auto frame = tools.feed.next(); !frame) return tl::make_unexpected(frame.error());
+  }
+  return {};
+}
+
+/// A laser that shines although it was switched off just now: by the difference to the background of its turn and,
+/// since the object stands differently now, by a line that is too long to be anything else.
+tl::expected<bool, ScanStop> still_shines(const CaptureTools& tools, const LaserTurn& before) {
+  FrameSource& camera = tools.equipment.camera;
+  const std::int64_t dark_since_ns = tools.equipment.clock.now_ns();
+  if (!light_although_off(camera, before.triangulator, before.seen, dark_since_ns)) return false;
+  auto frame = tools.feed.next_after(dark_since_ns);
+  if (!frame) return tl::make_unexpected(frame.error());
+  const std::vector<std::uint8_t> picture(frame->bytes().begin(), frame->bytes().end());
+  return light_in_background(camera.mode(), picture).has_value();
+}
+
+/// From the end of one laser's turn to a steady line of the next one.
+/// @param begin_rad  where the table stood before the first turn
+tl::expected<void, ScanStop> change_laser(const CaptureTools& tools, const LaserTurn& before, LaserTurn& next,
+                                          std::span<const LaserTurn> turns, double begin_rad) {
+  const ScanEquipment& equipment = tools.equipment;
+  FrameFeed& feed = tools.feed;
+  feed.pause_record();
+  if (auto off = feed.laser_off(); !off) return off;
+  const auto shines = still_shines(tools, before);
+  if (!shines) return tl::make_unexpected(shines.error());
+  if (*shines) {
+    return tl::make_unexpected(
+        ScanStop{ScanState::failed, "Laser " + std::to_string(before.laser) +
+                                        " did not go out after its turn, so that no other was switched on; cut "
+                                        "the power at the machine."});
+  }
+  if (auto rested = come_to_rest(tools); !rested) return rested;
+  // Back only where the travel ends: on and on the same way, the drive's play is taken up.
+  if (!turn_fits_travel(tools)) {
+    auto back = equipment.device->rotate_to(begin_rad, equipment.device->capabilities().max_speed_rad_per_s);
+    if (!back) return tl::make_unexpected(stop_of(back.error()));
+    if (auto polled = feed.poll(); !polled) return polled;
+  }
+  feed.use_laser(next.laser);
+  if (auto looked = look_again(equipment, feed, tools.extractor, next, turns, RecordedLook::before_its_turn); !looked)
+    return looked;
+  feed.record_in(tools.log);
+  return {};
+}
+
+}  // namespace
+
+std::vector<int> lasers_present(const ScannerDevice* device, const FrameSource& camera,
+                                const Calibration& calibration) {
+  if (device != nullptr) {
+    std::vector<int> lasers(static_cast<std::size_t>(device->capabilities().lasers));
+    std::iota(lasers.begin(), lasers.end(), 0);
+    return lasers;
+  }
+  const RecordedScan* const recorded = camera.recorded();
+  if (recorded != nullptr && !recorded->lasers.empty()) return recorded->lasers;
+  return {calibration.lasers.front().laser};
+}
+
+tl::expected<std::vector<int>, std::string> lasers_of(const ScanRequest& request, const Calibration& calibration,
+                                                      std::span<const int> present) {
+  std::vector<int> calibrated;
+  for (const LaserPlane& plane : calibration.lasers) calibrated.push_back(plane.laser);
+  for (const int laser : request.lasers) {
+    const std::string asked = "Laser " + std::to_string(laser) + " was asked for, but ";
+    if (!holds(present, laser)) {
+      return tl::make_unexpected(asked + "the machine has lasers " + numbers_of(present) + "; leave it out.");
+    }
+    if (!holds(calibrated, laser)) {
+      return tl::make_unexpected(asked + "the calibration of " + calibration.date + " holds lasers " +
+                                 numbers_of(calibrated) + "; calibrate it (celadon calibrate), or leave it out.");
+    }
+  }
+  if (!request.lasers.empty()) return request.lasers;
+  std::erase_if(calibrated, [&](int laser) { return !holds(present, laser); });
+  if (calibrated.empty()) {
+    return tl::make_unexpected("The machine has lasers " + numbers_of(present) + ", and the calibration of " +
+                               calibration.date + " holds none of them; calibrate the machine (celadon calibrate).");
+  }
+  return calibrated;
+}
+
+std::vector<LaserTurn> turns_with(std::span<const int> lasers, const Calibration& calibration,
+                                  const ScanVolume& volume) {
+  std::vector<LaserTurn> turns;
+  for (const int laser : lasers) turns.push_back({laser, Triangulator(calibration, laser, volume), {}});
+  return turns;
+}
+
+tl::expected<ScanPreparation, ScanStop> look_with_each(const ScanEquipment& equipment, FrameFeed& feed,
+                                                       LaserLineExtractor& extractor, std::span<LaserTurn> turns) {
+  for (std::size_t k = turns.size(); k-- > 0;) {
+    if (equipment.device != nullptr && k + 1 < turns.size()) {
+      if (auto off = feed.laser_off(); !off) return tl::make_unexpected(off.error());
+    }
+    feed.use_laser(turns[k].laser);
+    if (auto looked = look_again(equipment, feed, extractor, turns[k], turns, RecordedLook::before_all_turns); !looked)
+      return tl::make_unexpected(looked.error());
+  }
+  ScanPreparation together;
+  together.z_low_mm = turns.front().seen.z_low_mm;
+  together.z_high_mm = turns.front().seen.z_high_mm;
+  together.warnings = turns.front().seen.warnings;
+  for (const LaserTurn& turn : turns) {
+    together.z_low_mm = std::min(together.z_low_mm, turn.seen.z_low_mm);
+    together.z_high_mm = std::max(together.z_high_mm, turn.seen.z_high_mm);
+    together.samples += turn.seen.samples;
+  }
+  return together;
+}
+
+tl::expected<CaptureResult, ScanStop> turn_with_each(const CaptureTools& tools, std::span<LaserTurn> turns) {
+  const bool recorded = tools.equipment.device == nullptr;
+  const double begin_rad = tools.feed.status().angle_rad;
+  CaptureSoFar so_far;
+  so_far.turns = static_cast<int>(turns.size());
+  CaptureResult whole;
+  std::vector<std::string> warnings;
+  for (std::size_t k = 0; k < turns.size(); ++k) {
+    LaserTurn& turn = turns[k];
+    CaptureTools of_turn = tools;
+    of_turn.turn = &turn;
+    of_turn.so_far = &so_far;
+    so_far.turn = static_cast<int>(k);
+    if (k > 0) {
+      auto ready = recorded ? look_again(tools.equipment, tools.feed, tools.extractor, turn, turns,
+                                         RecordedLook::before_its_turn)
+                            : change_laser(of_turn, turns[k - 1], turn, turns, begin_rad);
+      if (!ready) return tl::make_unexpected(ready.error());
+      warnings.insert(warnings.end(), turn.seen.warnings.begin(), turn.seen.warnings.end());
+    }
+    auto captured = recorded                                ? replay(of_turn)
+                    : tools.request.mode == ScanMode::sweep ? sweep(of_turn)
+                                                            : step_around(of_turn);
+    if (!captured) return tl::make_unexpected(about(turn, turns, captured.error()));
+    // Counters and the warnings that come of them are of all turns so far.
+    whole.counters = captured->counters;
+    whole.warnings = std::move(captured->warnings);
+    whole.lasers.insert(whole.lasers.end(), captured->lasers.begin(), captured->lasers.end());
+    const auto& closure = captured->closure_mm;
+    if (closure && (!whole.closure_mm || closure->rms > whole.closure_mm->rms)) whole.closure_mm = closure;
+  }
+  whole.warnings.insert(whole.warnings.end(), warnings.begin(), warnings.end());
+  return whole;
+}
+
+const LaserTurn& turn_of(int laser, std::span<const LaserTurn> turns) {
+  const auto turn = std::find_if(turns.begin(), turns.end(), [&](const LaserTurn& t) { return t.laser == laser; });
+  return turn != turns.end() ? *turn : turns.front();
+}
+
+}  // namespace celadon
