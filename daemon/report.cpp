@@ -142,6 +142,12 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
     json["closure_mm"] = {
         {"bias", notes.closure_mm->bias}, {"rms", notes.closure_mm->rms}, {"samples", notes.closure_mm->samples}};
   }
+  if (!notes.checks.empty()) json["checks"] = to_json(notes.checks);
+  if (notes.calibration) {
+    json["calibration"] = {{"date", notes.calibration->date},
+                           {"systematic_mm", notes.calibration->systematic_mm},
+                           {"scale_u", notes.calibration->scale_u}};
+  }
   if (notes.solid) {
     if (notes.solid->closed) {
       json["solid"] = {
