@@ -269,8 +269,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     auto fit = body->measured.get();
     if (!fit) return fit;
     warnings = fit->whole().warnings;
-    notes.checks = self_checks(
-        {*fit, equipment.calibration, compare_overlap(task.log_file, fit->whole().kappa), notes.closure_mm});
+    notes.checks = self_checks({*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm});
     return fit;
   };
   auto files = write_results(surfaces, measured, formats, task.results_folder, notes, {.cad = cad ? &*cad : nullptr});

@@ -29,10 +29,13 @@ struct RowCurve {
   static double x_of(double angle_rad) { return kScale * angle_rad - 1; }
   double value(double x) const { return c[0] + x * (c[1] + x * (c[2] + x * c[3])); }
   double slope(double x) const { return kScale * (c[1] + x * (2 * c[2] + x * 3 * c[3])); }
-  /// Variance of the slope for noise of variance 1.
+  /// For noise of variance 1: variance of the slope, and covariance of slope and value.
   double slope_variance(double x) const {
     const Vector g(0, 1, 2 * x, 3 * x * x);
     return kScale * kScale * g.dot(covariance * g);
+  }
+  double slope_covariance(double x) const {
+    return kScale * Vector(0, 1, 2 * x, 3 * x * x).dot(covariance * Vector(1, x, x * x, x * x * x));
   }
 };
 
@@ -106,25 +109,77 @@ std::vector<Pair> without_outliers(const std::vector<Pair>& pairs, double d, dou
   return kept;
 }
 
+/// Variance of second minus first look by that of the second, for errors common to the samples of a profile as for
+/// independent ones: what passes through the first look's cubics is the mean of their functions there.
+double both_by_second(const std::vector<Pair>& pairs, double d, std::size_t second_profiles) {
+  Vector mean = Vector::Zero();
+  for (const Pair& p : pairs) {
+    const double x = RowCurve::x_of(p.angle_rad + d);
+    mean += Vector(1, x, x * x, x * x * x) / static_cast<double>(pairs.size());
+  }
+  return 1 + static_cast<double>(second_profiles) * mean.dot(pairs.front().curve->covariance * mean);
+}
+
+/// Shift and turn at the same time: is one needed beside the other? `noise_mm` with what correlation makes of it.
+OverlapResult::Cause cause_of(const std::vector<Pair>& pairs, const OverlapResult& alone, double noise_mm,
+                              std::size_t second_profiles) {
+  using Cause = OverlapResult::Cause;
+  constexpr double kSigmas = 4;
+  // Differences count up to here: more is as wrong.
+  const double most = std::pow(kOutlierScales * alone.noise_mm, 2);
+  const auto left = [&](const Pair& p, double d, double s) {
+    const double e = p.r_mm - s - p.curve->value(RowCurve::x_of(p.angle_rad + d));
+    return std::min(e * e, most);
+  };
+  double gain = 0;
+  for (const Pair& p : pairs) {
+    if (seen(p.angle_rad) && seen(p.angle_rad + alone.turn_rad))
+      gain += left(p, 0, alone.shift_mm) - left(p, alone.turn_rad, 0);
+  }
+  // Linear about what leaves less.
+  const double d = gain >= 0 ? alone.turn_rad : 0, s = gain >= 0 ? 0 : alone.shift_mm;
+  const std::vector<Pair> kept = without_outliers(pairs, d, s);
+  Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d right = Eigen::Vector2d::Zero();
+  for (const Pair& p : kept) {
+    const double x = RowCurve::x_of(p.angle_rad + d);
+    const Eigen::Vector2d g(1, p.curve->slope(x));
+    normal += g * g.transpose();
+    right += g * (p.r_mm - s - p.curve->value(x));
+    // Slopes that noise makes would hide a turn behind a shift.
+    normal(1, 1) -= noise_mm * noise_mm * p.curve->slope_variance(x);
+    right[1] += alone.noise_mm * alone.noise_mm * p.curve->slope_covariance(x);
+  }
+  if (!(normal.determinant() > 0)) return Cause::either;
+  const Eigen::Matrix2d inverse = normal.inverse();
+  const Eigen::Vector2d both = Eigen::Vector2d(s, d) + inverse * right;
+  const double noise = noise_mm * std::sqrt(both_by_second(kept, d, second_profiles));
+  const bool shift = std::abs(both[0]) > kSigmas * noise * std::sqrt(inverse(0, 0)),
+             turn = std::abs(both[1]) > kSigmas * noise * std::sqrt(inverse(1, 1));
+  if (turn == shift) return !turn ? Cause::either : gain >= 0 ? Cause::turn : Cause::shift;
+  return turn ? Cause::turn : Cause::shift;
+}
+
 }  // namespace
 
 void OverlapComparison::first(double turned_rad, const Profile& profile) {
   if (!seen(turned_rad) || profile.row.empty()) return;
-  ++first_profiles_;
   for (std::size_t i = 0; i < profile.size(); ++i)
-    first_[std::uint32_t{profile.laser} << 16 | profile.row[i]].push_back({turned_rad, profile.r_mm[i]});
+    first_[std::uint32_t{profile.laser} << 16 | profile.row[i]].push_back(
+        {first_profiles_, turned_rad, profile.r_mm[i]});
+  ++first_profiles_;
 }
 
 void OverlapComparison::again(double beyond_rad, const Profile& profile) {
   if (profile.row.empty()) return;
   for (std::size_t i = 0; i < profile.size(); ++i)
     again_.push_back(
-        {std::uint32_t{profile.laser} << 16 | profile.row[i], second_profiles_, {beyond_rad, profile.r_mm[i]}});
+        {std::uint32_t{profile.laser} << 16 | profile.row[i], {second_profiles_, beyond_rad, profile.r_mm[i]}});
   last_beyond_rad_ = std::max(last_beyond_rad_, beyond_rad);
   ++second_profiles_;
 }
 
-OverlapResult OverlapComparison::result(double kappa) const {
+OverlapResult OverlapComparison::result() const {
   OverlapResult out;
   if (first_profiles_ < kFewestProfiles || second_profiles_ < kFewestSecondProfiles) {
     out.missing = std::to_string(first_profiles_) + " profiles of the first 20 degrees and " +
@@ -172,15 +227,28 @@ OverlapResult OverlapComparison::result(double kappa) const {
   std::vector<Pair> all;
   for (const Second& s : again_) {
     const auto curve = curves.find(s.row);
-    if (curve != curves.end()) all.push_back({&curve->second, s.profile, s.look.angle_rad, s.look.r_mm});
+    if (curve != curves.end()) all.push_back({&curve->second, s.look.profile, s.look.angle_rad, s.look.r_mm});
   }
   if (all.size() < kFewestSamples) {
     out.missing = "only " + std::to_string(all.size()) + " samples are seen at both ends of the turn";
     return out;
   }
   out.noise_mm = std::sqrt(square / freedom);
-  // Errors common to the profiles of the first look pass through its cubics: as many again as of the second.
-  const auto from_noise = [&](double ss) { return out.noise_mm * std::sqrt(2 * kappa / ss); };
+  // What the samples of a profile have in common, next to each other or all of them, shows in their sums. The fit's own
+  // figure would be spoilt by the very faults that are looked for.
+  std::vector<double> left(first_profiles_);
+  double count = 0;
+  for (const auto& [row, looks] : first_) {
+    const auto curve = curves.find(row);
+    if (curve == curves.end()) continue;
+    for (const Look& look : looks)
+      left[look.profile] += look.r_mm - curve->second.value(RowCurve::x_of(look.angle_rad));
+    count += curve->second.freedom;
+  }
+  double left_square = 0;
+  for (const double sum : left) left_square += sum * sum;
+  const double kappa = std::max(1., left_square / (count * out.noise_mm * out.noise_mm));
+  const auto from_noise = [&](double ss) { return out.noise_mm * std::sqrt(kappa / ss); };
 
   // Along r.
   std::vector<double> differences;
@@ -199,14 +267,8 @@ OverlapResult OverlapComparison::result(double kappa) const {
   out.samples = pairs.size();
   const Estimate shift = estimate_of(sums);
   out.shift_mm = shift.x;
-  out.shift_u_mm = std::max(shift.u, from_noise(static_cast<double>(pairs.size())));
-  square = 0;
-  for (const Pair& p : pairs) {
-    const double e = p.r_mm - p.curve->value(RowCurve::x_of(p.angle_rad)) - shift.x;
-    square += e * e;
-  }
-  out.left_by_shift_mm = std::sqrt(square / static_cast<double>(pairs.size()));
-
+  out.shift_u_mm = std::max(shift.u, from_noise(static_cast<double>(pairs.size()))) *
+                   std::sqrt(both_by_second(pairs, 0, second_profiles_));
   // By a turn: from the best of a fine grid on, since one of several degrees is far from linear.
   constexpr double kStep_rad = 0.1 * std::numbers::pi / 180;
   double turn = 0, least = mean_square(all, 0).value_or(std::numeric_limits<double>::infinity());
@@ -221,7 +283,7 @@ OverlapResult OverlapComparison::result(double kappa) const {
   for (int round = 0; round < 5; ++round) {
     pairs = without_outliers(all, turn, 0);
     std::fill(sums.begin(), sums.end(), Sums{});
-    steepness = square = 0;
+    steepness = 0;
     for (const Pair& p : pairs) {
       const double x = RowCurve::x_of(p.angle_rad + turn), slope = p.curve->slope(x);
       const double e = p.r_mm - p.curve->value(x);
@@ -229,19 +291,19 @@ OverlapResult OverlapComparison::result(double kappa) const {
       s.ss += slope * slope, s.se += slope * e, s.n += 1;
       // Noise makes slopes too.
       steepness += slope * slope - out.noise_mm * out.noise_mm * kappa * p.curve->slope_variance(x);
-      square += e * e;
     }
     if (pairs.size() < kFewestSamples || !(steepness > 0)) {
       out.turn_u_rad = std::numeric_limits<double>::infinity();
+      out.cause = OverlapResult::Cause::shift;
       return out;
     }
     step = estimate_of(sums);
-    out.left_by_turn_mm = std::sqrt(square / static_cast<double>(pairs.size()));
     if (std::abs(step.x) > 10 * kStep_rad) break;
     turn += step.x;
   }
   out.turn_rad = turn;
-  out.turn_u_rad = std::max(step.u, from_noise(steepness));
+  out.turn_u_rad = std::max(step.u, from_noise(steepness)) * std::sqrt(both_by_second(pairs, turn, second_profiles_));
+  out.cause = cause_of(all, out, std::sqrt(kappa) * out.noise_mm, second_profiles_);
   return out;
 }
 

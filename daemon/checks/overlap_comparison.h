@@ -24,8 +24,8 @@ struct OverlapResult {
   /// By how much further than a full turn the object has turned. Its uncertainty is infinite where the object looks the
   /// same after a small turn.
   double turn_rad = 0, turn_u_rad = 0;
-  /// Root mean square of what is left of the differences: after the shift, after the turn.
-  double left_by_shift_mm = 0, left_by_turn_mm = 0;
+  /// What explains the second look: neither turn nor shift alone is needed beside the other where it could be either.
+  enum class Cause : std::uint8_t { turn, shift, either } cause = Cause::either;
 };
 
 /// Fed profile by profile, compared image row by image row: a body that has turned by d shows in a row at angle a what
@@ -41,16 +41,15 @@ class OverlapComparison {
   /// A profile that was taken `beyond_rad` after a full turn.
   void again(double beyond_rad, const Profile& profile);
 
-  /// @param kappa inflation of the variance of a mean by the samples' correlation, as the fit found it
-  OverlapResult result(double kappa) const;
+  OverlapResult result() const;
 
  private:
   struct Look {
+    std::size_t profile;
     double angle_rad, r_mm;
   };
   struct Second {
     std::uint32_t row;  ///< laser and image row
-    std::size_t profile;
     Look look;
   };
   std::map<std::uint32_t, std::vector<Look>> first_;

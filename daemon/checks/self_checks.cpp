@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <cstdio>
-#include <limits>
 #include <numbers>
 #include <utility>
 #include <variant>
@@ -51,19 +51,26 @@ SelfCheck unknown(const char* name, const char* unit, std::string why) {
   return {name, unit, {}, {}, {}, CheckVerdict::not_verifiable, std::move(why), {}, {}};
 }
 
-/// A turn explains what the second look shows better than a shift does.
-bool is_turn(const OverlapResult& overlap) {
-  return overlap.left_by_turn_mm <= overlap.left_by_shift_mm;
+using Cause = OverlapResult::Cause;
+
+std::string either_text(const OverlapResult& overlap) {
+  return text_of("on this object a turn that is %.3f degrees too long and a shift along r of %.4f mm look alike",
+                 overlap.turn_rad * kDegrees, overlap.shift_mm);
 }
 
 SelfCheck closure(const OverlapResult& overlap, double systematic_mm) {
   if (!overlap.missing.empty()) return unknown("closure", "mm", overlap.missing);
-  const bool turned = std::isfinite(overlap.turn_u_rad) && is_turn(overlap);
+  const Cause by = overlap.cause;
   return judged("closure", "mm", overlap.shift_mm, overlap.shift_u_mm, limit_of(overlap.shift_u_mm, systematic_mm),
                 "mean difference along r between 360 and 0 degrees",
-                turned ? "the places that are seen again are other places: the turn was not a whole one"
-                       : "camera, laser or object moved during the scan",
-                turned ? "see the check 'turn'" : kHoldStill);
+                by == Cause::turn    ? "the places that are seen again are other places: the turn was not a whole one"
+                : by == Cause::shift ? "camera, laser or object moved during the scan"
+                                     : "the object slipped, the steps per turn are wrong, or camera or laser "
+                                       "moved: " +
+                                           either_text(overlap),
+                by == Cause::turn    ? "see the check 'turn'"
+                : by == Cause::shift ? kHoldStill
+                                     : std::string(kHoldStill) + "; an object that is not round tells which it is");
 }
 
 SelfCheck closure_scatter(const std::optional<ClosureError>& error, const OverlapResult& overlap, double noise_mm,
@@ -88,8 +95,11 @@ SelfCheck turn(const OverlapResult& overlap, const Measured& encoder_scale) {
     return unknown("turn", kUnit,
                    "the object looks the same after a small turn, as everything round about the table's axis does");
   }
-  if (std::abs(value) > limit && !is_turn(overlap)) {
-    return unknown("turn", kUnit, "what is seen again differs by more than a turn; see the check 'closure'");
+  if (std::abs(value) > limit && overlap.cause != Cause::turn) {
+    return unknown("turn", kUnit,
+                   overlap.cause == Cause::either
+                       ? either_text(overlap)
+                       : "what is seen again is not what a turn would show; see the check 'closure'");
   }
   return judged(
       "turn", kUnit, value, u, limit,
@@ -160,17 +170,24 @@ SelfCheck steadiness(const RangeFit& piece, double systematic_mm) {
   const double kappa = piece.errors ? piece.errors->inflation.within : piece.report.kappa;
   const double per_field = static_cast<double>(samples_of(piece.report)) / ErrorMap::kAround;
   const double expected = piece.report.noise_mm * std::sqrt(kappa / per_field);
-  const double u = expected / std::sqrt(2. * ErrorMap::kAround), value = rms_beyond_harmonics(*around);
-  return judged("steadiness", "mm", value, u, std::hypot(kSigmas * u + expected, kCoverage * systematic_mm),
-                "what neighbouring profiles have in common and the surface does not, root mean square in fields of 2 "
-                "degrees",
-                "the object rocks, or camera, laser or table shake while the table turns",
-                "fasten the object, keep the machine away from what shakes it, scan slower or in steps");
+  // Faster than the fields show: the variance between profiles that the fit found.
+  const double jitter = piece.errors && piece.errors->inflation.rows > 0
+                            ? piece.report.noise_mm *
+                                  std::sqrt(std::max(0., piece.errors->inflation.common) / piece.errors->inflation.rows)
+                            : 0;
+  const double u = expected / std::sqrt(2. * ErrorMap::kAround),
+               value = std::max(rms_beyond_harmonics(*around), jitter);
+  return judged(
+      "steadiness", "mm", value, u, std::hypot(kSigmas * u + expected, kCoverage * systematic_mm),
+      "what the samples of a profile, or of fields of 2 degrees, have in common and the surface does not, root "
+      "mean square",
+      "the object rocks, or camera, laser or table shake while the table turns",
+      "fasten the object, keep the machine away from what shakes it, scan slower or in steps");
 }
 
 }  // namespace
 
-OverlapResult compare_overlap(const std::filesystem::path& log_file, double kappa) {
+OverlapResult compare_overlap(const std::filesystem::path& log_file) {
   OverlapResult bad;
   auto log = ProfileLogReader::open(log_file);
   if (!log) {
@@ -195,7 +212,7 @@ OverlapResult compare_overlap(const std::filesystem::path& log_file, double kapp
     bad.missing = (*log)->error();
     return bad;
   }
-  return comparison.result(kappa);
+  return comparison.result();
 }
 
 std::vector<SelfCheck> self_checks(const CheckedScan& scan) {

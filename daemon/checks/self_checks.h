@@ -28,7 +28,6 @@ struct CheckedScan {
 std::vector<SelfCheck> self_checks(const CheckedScan& scan);
 
 /// The beginning and the end of the turn in the log of a whole scan, compared.
-/// @param kappa as OverlapComparison::result() takes it
-OverlapResult compare_overlap(const std::filesystem::path& log_file, double kappa);
+OverlapResult compare_overlap(const std::filesystem::path& log_file);
 
 }  // namespace celadon

@@ -17,16 +17,12 @@ int main(int argc, char** argv) {
     std::printf("| %s |", fault.name);
     for (const CheckedObject& object : checked_objects()) {
       const CheckedCell cell = try_self_checks(object.scene, fault.order, 1, profiles);
-      std::string unknown;
-      for (const auto& check : cell.checks)
-        if (check["verdict"] == "not verifiable" && check["name"] != "eccentricity")
-          unknown += " " + check["name"].get<std::string>();
-      const std::string failed = cell.failed();
-      std::printf(" %s%s%s%s |",
+      const std::string failed = cell.names_of("failed"), unknown = cell.names_of("not verifiable");
+      std::printf(" %s%s |",
                   cell.exit_code > 1 ? "NO SCAN"
                   : failed.empty()   ? "-"
                                      : failed.c_str(),
-                  unknown.empty() ? "" : " (", unknown.empty() ? "" : unknown.c_str() + 1, unknown.empty() ? "" : ")");
+                  unknown.empty() ? "" : (" (" + unknown + ")").c_str());
       std::fflush(stdout);
       for (const auto& check : cell.checks)
         std::fprintf(stderr, "%s, %s: %s\n", fault.order, object.scene, check.dump().c_str());
@@ -41,7 +37,7 @@ int main(int argc, char** argv) {
       ++scans;
       if (cell.exit_code == 0 && !cell.checks.empty()) continue;
       ++alarms;
-      std::printf("seed %d, %s: %s%s\n", seed, object.scene, cell.failed().c_str(), cell.err.c_str());
+      std::printf("seed %d, %s: %s%s\n", seed, object.scene, cell.names_of("failed").c_str(), cell.err.c_str());
       std::fflush(stdout);
     }
   }

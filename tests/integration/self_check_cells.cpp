@@ -34,14 +34,16 @@ std::span<const CheckedFault> checked_faults() {
 
 std::string CheckedCell::verdict(const std::string& check) const {
   for (const auto& entry : checks)
-    if (entry["name"] == check) return entry["verdict"];
+    if (entry.value("name", "") == check) return entry.value("verdict", "");
   return "-";
 }
 
-std::string CheckedCell::failed() const {
+std::string CheckedCell::names_of(const std::string& verdict) const {
   std::string names;
-  for (const auto& entry : checks)
-    if (entry["verdict"] == "failed") names += (names.empty() ? "" : " ") + entry["name"].get<std::string>();
+  for (const auto& entry : checks) {
+    const std::string name = entry.value("name", "");
+    if (entry.value("verdict", "") == verdict && name != "eccentricity") names += (names.empty() ? "" : " ") + name;
+  }
   return names;
 }
 

@@ -27,8 +27,8 @@ struct CheckedCell {
   std::string out, err;
   /// "passed", "failed", "not verifiable"; "-": there is no such check.
   std::string verdict(const std::string& check) const;
-  /// Names of the failed ones, in their order, with blanks between.
-  std::string failed() const;
+  /// Names of those of a verdict, in their order, with blanks between; the eccentricity, which is never verified, apart.
+  std::string names_of(const std::string& verdict) const;
 };
 
 /// One scan on a new machine. @param order of a fault, before the scan begins
