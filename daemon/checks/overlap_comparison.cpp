@@ -131,26 +131,32 @@ OverlapResult::Cause cause_of(const std::vector<Pair>& pairs, const OverlapResul
     const double e = p.r_mm - s - p.curve->value(RowCurve::x_of(p.angle_rad + d));
     return std::min(e * e, most);
   };
-  double gain = 0;
+  double gain = 0, compared = 0;
   for (const Pair& p : pairs) {
-    if (seen(p.angle_rad) && seen(p.angle_rad + alone.turn_rad))
-      gain += left(p, 0, alone.shift_mm) - left(p, alone.turn_rad, 0);
+    if (!seen(p.angle_rad) || !seen(p.angle_rad + alone.turn_rad)) continue;
+    gain += left(p, 0, alone.shift_mm) - left(p, alone.turn_rad, 0), ++compared;
   }
+  // Less than that the uncertain ends of the first look's curves make of it.
+  constexpr double kClear = 0.3;
+  if (std::abs(gain) > kClear * compared * noise_mm * noise_mm) return gain > 0 ? Cause::turn : Cause::shift;
   // Linear about what leaves less.
   const double d = gain >= 0 ? alone.turn_rad : 0, s = gain >= 0 ? 0 : alone.shift_mm;
   const std::vector<Pair> kept = without_outliers(pairs, d, s);
   Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
   Eigen::Vector2d right = Eigen::Vector2d::Zero();
+  double by_noise = 0;
   for (const Pair& p : kept) {
     const double x = RowCurve::x_of(p.angle_rad + d);
     const Eigen::Vector2d g(1, p.curve->slope(x));
     normal += g * g.transpose();
     right += g * (p.r_mm - s - p.curve->value(x));
     // Slopes that noise makes would hide a turn behind a shift.
-    normal(1, 1) -= noise_mm * noise_mm * p.curve->slope_variance(x);
+    by_noise += noise_mm * noise_mm * p.curve->slope_variance(x);
     right[1] += alone.noise_mm * alone.noise_mm * p.curve->slope_covariance(x);
   }
-  if (!(normal.determinant() > 0)) return Cause::either;
+  normal(1, 1) -= by_noise;
+  // Where slopes differ by little more than noise, both unknowns are one.
+  if (!(normal.determinant() > by_noise * normal(0, 0))) return Cause::either;
   const Eigen::Matrix2d inverse = normal.inverse();
   const Eigen::Vector2d both = Eigen::Vector2d(s, d) + inverse * right;
   const double noise = noise_mm * std::sqrt(both_by_second(kept, d, second_profiles));
