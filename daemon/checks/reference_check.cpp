@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <numbers>
 
 #include <nlohmann/json.hpp>
 
@@ -17,12 +18,20 @@ namespace {
 constexpr int kAlong = 40, kAround = 90;
 // Noise of standard deviation 1, looked at in thousands of places of which some tens are independent.
 constexpr double kPeakToValley = 6;
+// Of a sphere, to both sides of its equator: nearer to the poles laser and camera graze it.
+constexpr double kZone_rad = std::numbers::pi / 4;
 
+/// Evenly over what is judged: the whole wall, or a sphere's zone about its equator.
 Eigen::Matrix3Xd points_of(const RangeFunction& surface) {
   const BaseSurface& base = surface.base();
+  double start = base.band_start, end = base.band_end;
+  if (base.spherical()) {
+    start = std::max(start, BaseSurface::meridian().v_of_theta(std::numbers::pi / 2 - kZone_rad));
+    end = std::min(end, BaseSurface::meridian().v_of_theta(std::numbers::pi / 2 + kZone_rad));
+  }
   Eigen::Matrix3Xd points(3, kAlong * kAround);
   for (int i = 0; i < kAlong; ++i) {
-    const double along = base.band_start + (base.band_end - base.band_start) * (i + 0.5) / kAlong;
+    const double along = start + (end - start) * (i + 0.5) / kAlong;
     for (int j = 0; j < kAround; ++j) {
       const double theta = base.arcs.theta_of_v(base.arcs.count() * (j + 0.5) / kAround);
       points.col(i * kAround + j) = surface.surface_point(theta, along).p_W;

@@ -22,7 +22,8 @@ struct RoundMeasurement {
   double fit_u_mm = 0;     ///< standard uncertainty of the surface's radius that the samples leave, its mean
 };
 
-/// The fitted surface as that shape: of a surface that is one, exactly it. Errors: one sentence.
+/// The fitted surface as that shape: of a surface that is one, exactly it. Of a sphere the zone within 45 degrees of
+/// its equator counts. Errors: one sentence.
 tl::expected<RoundMeasurement, std::string> measure_round(const SurfaceFile& file, ReferenceShape shape);
 
 enum class ReferenceVerdict : std::uint8_t { good, usable, refused };
