@@ -92,8 +92,10 @@ SelfCheck turn(const OverlapResult& overlap, const Measured& encoder_scale) {
   const double stated = encoder_scale.u / encoder_scale.value * 360;
   const double limit = std::max(limit_of(u, stated), kFinestTurn_deg);
   if (!(kSigmas * u <= kCoarsestTurn_deg)) {
-    return unknown("turn", kUnit,
-                   "the object looks the same after a small turn, as everything round about the table's axis does");
+    return unknown(
+        "turn", kUnit,
+        "the object changes too little with the angle, for how its samples scatter, to show a small turn; what is "
+        "round about the table's axis never does");
   }
   if (std::abs(value) > limit && overlap.cause != Cause::turn) {
     return unknown("turn", kUnit,
