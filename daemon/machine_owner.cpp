@@ -225,6 +225,9 @@ void ScanQueue::run(std::uint64_t id) {
   const ScanState state = outcome ? ScanState::done : outcome.error().state;
   if (outcome) {
     for (const std::string& warning : outcome->warnings) spdlog::warn("scan {}: {}", id, warning);
+    for (const SelfCheck& check : outcome->checks) {
+      if (check.verdict == CheckVerdict::failed) spdlog::warn("scan {}: check failed: {}", id, sentence_of(check));
+    }
     spdlog::info("scan {}: done, {} files in {}", id, outcome->files.size(), task.results_folder.string());
     if (outcome->last_frame_to_step_s > 0) {
       spdlog::info("scan {}: {:.0f} ms from the last frame to the STEP file", id, outcome->last_frame_to_step_s * 1e3);
@@ -248,6 +251,7 @@ void ScanQueue::run(std::uint64_t id) {
     record.state = state;
     if (outcome) {
       record.files = outcome->files;
+      record.checks = outcome->checks;
       record.progress.fraction = 1;
       record.progress.seconds_left = 0;
     } else {

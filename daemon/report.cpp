@@ -164,6 +164,12 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
   }
   if (notes.closure_mm) json["closure_mm"] = to_json(*notes.closure_mm);
   put_lasers(json, notes);
+  if (!notes.checks.empty()) json["checks"] = to_json(notes.checks);
+  if (notes.calibration) {
+    json["calibration"] = {{"date", notes.calibration->date},
+                           {"systematic_mm", notes.calibration->systematic_mm},
+                           {"scale_u", notes.calibration->scale_u}};
+  }
   if (notes.solid) {
     if (notes.solid->closed) {
       json["solid"] = {

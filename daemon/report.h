@@ -9,6 +9,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "daemon/checks/self_check.h"
 #include "daemon/export/cad_client.h"
 #include "fitting/composite_fit.h"
 #include "fitting/flat_ends.h"
@@ -65,6 +66,13 @@ struct RaisedPose {
   double sd_mm = 0;     ///< standard deviation of that; 0: taken as it was said
 };
 
+/// What the calibration that a scan was measured with states of itself.
+struct StatedCalibration {
+  std::string date;          ///< ISO 8601 UTC
+  double systematic_mm = 0;  ///< standard uncertainty of a radius
+  double scale_u = 0;        ///< relative standard uncertainty of lengths
+};
+
 /// What the result files say besides the fit itself.
 struct ResultNotes {
   std::string name = "object";
@@ -78,6 +86,8 @@ struct ResultNotes {
   std::optional<ClosureError> closure_mm;  ///< of several lasers the worst
   std::vector<LaserShare> lasers = {};     ///< after a scan, in the order of their turns
   std::optional<AgreementError> agreement_mm = {};
+  std::vector<SelfCheck> checks;                 ///< of a scan
+  std::optional<StatedCalibration> calibration;  ///< of a scan
   std::optional<CadResult> solid;
   std::string shape_reason;                  ///< why this base was chosen; empty: as it was named
   std::optional<LocalFrame> own_axis;        ///< how the surface's frame was found, if it was looked for

@@ -10,6 +10,7 @@
 #include <future>
 
 #include "acquisition/recording.h"
+#include "daemon/checks/self_checks.h"
 #include "daemon/dark_frame.h"
 #include "daemon/export/cad_client.h"
 #include "daemon/frame_feed.h"
@@ -145,19 +146,6 @@ std::vector<ResultFormat> formats_of(const ScanRequest& request) {
   return formats;
 }
 
-/// What the closure test found that the noise does not explain.
-std::optional<std::string> closure_warning(const std::optional<ClosureError>& closure, double noise_mm) {
-  constexpr double kSigmas = 3;
-  if (!closure || closure->rms <= kSigmas * std::sqrt(2.) * noise_mm) return std::nullopt;
-  char text[320];
-  std::snprintf(
-      text, sizeof text,
-      "After a full turn the same places measure differently: %.3f mm RMS (mean %.3f mm) against a noise of %.3f "
-      "mm; check that the object stands firmly, and the steps per turn, belt and backlash of the table.",
-      closure->rms, closure->bias, noise_mm);
-  return text;
-}
-
 double seconds_of(const ResultNotes& notes, std::initializer_list<const char*> stages) {
   double sum = 0;
   for (const StageSeconds& s : notes.seconds) {
@@ -179,6 +167,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   notes.date = task.date;
   notes.machine = machine_of(equipment);
   notes.simulated = is_simulated(equipment) || equipment.calibration.simulated;
+  notes.calibration = StatedCalibration{equipment.calibration.date, equipment.calibration.systematic_mm,
+                                        equipment.calibration.scale.u / equipment.calibration.scale.value};
   StageClock clock(notes.seconds);
   SafeOnExit safe(equipment.device, observer);
 
@@ -279,14 +269,18 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     functions.push_back(&piece.function);
     surfaces.push_back({piece.function, piece.surface});
   }
-  if (auto warning = closure_warning(notes.closure_mm, body->noise_mm)) notes.warnings.push_back(*warning);
   if (auto warning = agreement_warning(notes.agreement_mm, equipment.calibration.systematic_mm))
     notes.warnings.push_back(*warning);
   notes.truth_mm = truth_error(functions, truth);
   std::vector<std::string> warnings;
   const auto measured = [&] {
     auto fit = body->measured.get();
-    if (fit) warnings = fit->whole().warnings;
+    if (!fit) return fit;
+    warnings = fit->whole().warnings;
+    std::optional<Measured> laser_difference_mm;
+    if (const auto& lasers = notes.agreement_mm) laser_difference_mm = Measured{lasers->bias, lasers->bias_sd};
+    notes.checks = self_checks(
+        {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, laser_difference_mm});
     return fit;
   };
   auto files = write_results(surfaces, measured, formats, task.results_folder, notes, {.cad = cad ? &*cad : nullptr});
@@ -296,6 +290,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   outcome.files = std::move(*files);
   outcome.warnings = std::move(warnings);
   outcome.warnings.insert(outcome.warnings.end(), notes.warnings.begin(), notes.warnings.end());
+  outcome.checks = notes.checks;
   if (auto synced = (*log)->wait_synced(); !synced) outcome.warnings.push_back(synced.error().message);
   if (notes.solid) outcome.last_frame_to_step_s = seconds_of(notes, {"make_safe", "solve", "step"});
   return outcome;

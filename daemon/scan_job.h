@@ -11,6 +11,7 @@
 #include "acquisition/calibration.h"
 #include "acquisition/frame.h"
 #include "acquisition/triangulation.h"
+#include "daemon/checks/self_check.h"
 #include "daemon/scan_service.h"
 #include "daemon/scan_truth.h"
 #include "firmware_bridge/clock.h"
@@ -61,6 +62,7 @@ struct ScanStop {
 struct ScanOutcome {
   std::vector<std::string> files;     ///< names in the results folder
   std::vector<std::string> warnings;  ///< as in the report
+  std::vector<SelfCheck> checks;      ///< as in the report
   double last_frame_to_step_s = 0;    ///< 0 without a STEP file
 };
 

@@ -190,6 +190,7 @@ json to_json(const ScanRecord& record) {
            {"simulated", record.simulated},
            {"folder", record.folder.string()},
            {"files", record.files}};
+  if (record.state == ScanState::done) out["checks"] = to_json(record.checks);
   if (record.state == ScanState::failed) out["failure"] = to_string(record.failure);
   return out;
 }

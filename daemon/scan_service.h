@@ -12,6 +12,7 @@
 #include <nlohmann/json_fwd.hpp>
 #include <tl/expected.hpp>
 
+#include "daemon/checks/self_check.h"
 #include "daemon/scan_state.h"
 
 namespace celadon {
@@ -55,6 +56,7 @@ struct ScanRecord {
   bool simulated = false;
   std::filesystem::path folder;    ///< of the results
   std::vector<std::string> files;  ///< names in `folder` once done
+  std::vector<SelfCheck> checks;   ///< what the scan found of itself, once done
 };
 
 /// How well the link to the controller works, since it was connected.

@@ -57,11 +57,12 @@ tl::expected<ScanRecord, std::string> parse_record(const std::string& text) {
     record.created = json.at("created").get<std::string>();
     record.simulated = json.at("simulated").get<bool>();
     record.files = json.at("files").get<std::vector<std::string>>();
+    if (json.contains("checks")) record.checks = self_checks_from_json(json["checks"]);
     record.progress.samples = json.at("progress").at("samples").get<std::uint64_t>();
     record.progress.frames = json.at("progress").at("frames").get<int>();
     record.progress.fraction = json.at("progress").at("fraction").get<double>();
     return record;
-  } catch (const nlohmann::json::exception& e) {
+  } catch (const std::exception& e) {
     return tl::make_unexpected(std::string(e.what()));
   }
 }

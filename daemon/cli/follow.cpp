@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <system_error>
 
+#include "daemon/checks/self_check.h"
 #include "daemon/cli/commands.h"
 #include "daemon/cli/progress_display.h"
 #include "daemon/cli/summary.h"
@@ -44,6 +45,12 @@ int fetch(HttpClient& client, const json& scan, const FollowOptions& options) {
                             .c_str());
   } else if (report.is_object()) {
     std::printf("%s\n%sfiles\n%s", report.value("name", "object").c_str(), summary_of(report).c_str(), names.c_str());
+  }
+  for (const auto& check : scan.value("checks", json::array())) {
+    if (check.value("verdict", "") == to_string(CheckVerdict::failed)) {
+      return fail(
+          1, "the scan is kept, but its check '" + check.value("name", "") + "' failed: " + check.value("cause", ""));
+    }
   }
   return 0;
 }

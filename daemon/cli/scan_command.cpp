@@ -4,14 +4,13 @@
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <string>
 
 #include <CLI/CLI.hpp>
 
 #include "daemon/cli/commands.h"
 #include "daemon/cli/follow.h"
-#include "daemon/cli/virtual_scanner.h"
+#include "daemon/cli/order_scan.h"
 #include "daemon/http/http_client.h"
 #include "daemon/usage_error.h"
 
@@ -19,9 +18,6 @@ namespace celadon::cli {
 namespace {
 
 using nlohmann::json;
-
-constexpr const char* kServer = "http://127.0.0.1:7450";
-constexpr const char* kServerHelp = "daemon to talk to: http://ADDRESS:PORT or unix:PATH";
 
 struct ScanArguments {
   std::string server = kServer, scene, name, mode = "sweep", shape = "cylinder", model = "auto";
@@ -56,35 +52,13 @@ json request_of(const ScanArguments& a) {
   return request;
 }
 
-// What the daemon said of a request that it did not take.
-int refused(const HttpResponse& answer) {
-  const auto problem = json::parse(answer.body, nullptr, false);
-  const std::string detail = problem.is_object() ? problem.value("detail", answer.body) : answer.body;
-  constexpr int kInsufficientStorage = 507;
-  return fail(answer.status == kInsufficientStorage ? 4 : answer.status >= 500 ? 3 : 2, detail);
-}
-
 int scan(const ScanArguments& arguments) {
-  if (arguments.lasers.size() > 1 && !lasers_of(arguments).empty() &&
-      lasers_of(arguments).size() != arguments.lasers.size())
+  const std::vector<int> lasers = lasers_of(arguments);
+  if (arguments.lasers.size() > 1 && !lasers.empty() && lasers.size() != arguments.lasers.size())
     return fail(2, "--lasers takes all or numbers; leave one of them out");
-  catch_interrupts();
-  if (const int code = prepare_folder(arguments.follow.folder)) return code;
-  std::optional<VirtualScanner> simulated;
-  std::string server = arguments.server;
-  if (!arguments.scene.empty()) {
-    const std::vector<int> lasers = lasers_of(arguments);
-    const bool second = std::find(lasers.begin(), lasers.end(), 1) != lasers.end();
-    auto started = VirtualScanner::start({arguments.scene, arguments.seed, second ? 2 : 1});
-    if (!started) return fail(3, started.error());
-    simulated.emplace(std::move(*started));
-    server = simulated->server();
-  }
-  HttpClient client(server);
-  const auto answer = client.post("/api/v1/scans", request_of(arguments));
-  if (!answer) return fail(3, answer.error());
-  if (answer->status != 201) return refused(*answer);
-  return follow_scan(client, json::parse(answer->body)["id"].get<std::uint64_t>(), arguments.follow);
+  const bool second = std::find(lasers.begin(), lasers.end(), 1) != lasers.end();
+  return order_scan({arguments.server, arguments.scene, arguments.seed, request_of(arguments), second ? 2 : 1},
+                    arguments.follow);
 }
 
 // The scan under way, or the next one that begins; waits for a press of the button.
@@ -136,16 +110,7 @@ void add_scan_command(CLI::App& program, Run& run) {
   auto* command =
       program.add_subcommand("scan", "Scan an object and fetch its CAD files; with --simulate on a virtual scanner.");
   command->option_defaults()->always_capture_default();
-  command->add_option("--simulate", a->scene, "start a virtual scanner with this scene and a daemon for it")
-      ->check(CLI::IsMember({"vase", "vase-squeezed", "humidifier", "cylinder", "cylinder-off", "knob", "sphere",
-                             "stepped-shaft", "lobed-shaft", "taper"}) |
-              CLI::Validator(
-                  [](const std::string& scene) {
-                    return scene.rfind("mesh:", 0) == 0 ? std::string() : "or mesh:FILE of an STL or PLY file";
-                  },
-                  "or mesh:FILE"));
-  command->add_option("--seed", a->seed, "of every random number of the virtual scanner");
-  command->add_option("--server", a->server, kServerHelp);
+  add_scanner_options(*command, a->server, a->scene, a->seed);
   command->add_option("-o,--output", a->follow.folder,
                       "folder for the files; default: they stay in the daemon's store");
   command->add_option("--name", a->name, "name of the object");

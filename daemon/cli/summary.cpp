@@ -4,6 +4,8 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "daemon/checks/self_check.h"
+
 namespace celadon::cli {
 namespace {
 
@@ -58,6 +60,19 @@ std::string shoulder_line(const json& shoulder) {
               shoulder["height_mm"].get<double>(),
               given ? "as given" : ("standard deviation " + length(shoulder["sd_mm"])).c_str(),
               shoulder["jump_mm"].get<double>(), length(shoulder["edge_mm"]).c_str());
+}
+
+// One line of counts, then a line for each check that failed.
+std::string checks_lines(const json& list) {
+  int passed = 0;
+  std::string unknown, failed;
+  for (const SelfCheck& check : self_checks_from_json(list)) {
+    passed += check.verdict == CheckVerdict::passed;
+    if (check.verdict == CheckVerdict::not_verifiable) unknown += (unknown.empty() ? "" : ", ") + check.name;
+    if (check.verdict == CheckVerdict::failed) failed += "  CHECK FAILED " + sentence_of(check) + "\n";
+  }
+  return "  checks      " + std::to_string(passed) + " of " + std::to_string(list.size()) + " passed" +
+         (unknown.empty() ? "" : "; not verifiable here: " + unknown) + "\n" + failed;
 }
 
 }  // namespace
@@ -169,6 +184,7 @@ std::string summary_of(const json& report) {
     text += line("  shell       %s, %d face, open around: no solid",
                  report["shell"]["valid"].get<bool>() ? "valid" : "NOT VALID", report["shell"]["faces"].get<int>());
   }
+  if (report.contains("checks")) text += checks_lines(report["checks"]);
   for (const auto& warning : report["warnings"]) text += "  note        " + warning.get<std::string>() + "\n";
   return text;
 }

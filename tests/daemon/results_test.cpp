@@ -256,6 +256,8 @@ TEST(Report, HasExactlyTheDocumentedFields) {
   notes.scan = ScanCounters{"sweep", 1200, 1230, 1, 2, 3, 4};
   notes.closure_mm = ClosureError{0.001, 0.02, 5000};
   notes.solid = CadResult{1234.5, true, 3};
+  notes.checks = {{"turn", "deg/turn", {}, {}, {}, CheckVerdict::not_verifiable, "round", {}, {}}};
+  notes.calibration = StatedCalibration{"2026-01-01", 0.005, 1e-4};
   const json j = json::parse(format_report(report_json(sample_fit(), notes)));
   std::set<std::string> names;
   for (const auto& [key, value] : j.items()) names.insert(key);
@@ -264,7 +266,7 @@ TEST(Report, HasExactlyTheDocumentedFields) {
                        "points", "rejected",    "unfollowable", "model",    "degree",     "control_points", "noise_mm",
                        "kappa",  "residual_mm", "geometric_mm", "coverage", "decided_by", "stopped_by",     "base",
                        "frame",  "band_mm",     "cut_mm",       "size_mm",  "warnings",   "seconds",        "truth_mm",
-                       "scan",   "closure_mm",  "solid",        "sd_mm"}));
+                       "scan",   "closure_mm",  "solid",        "sd_mm",    "checks",     "calibration"}));
   // RESULTS.md names every one of them.
   const std::string document = read_file(std::filesystem::path(CELADON_SOURCE_DIR) / "daemon/RESULTS.md");
   for (const std::string& name : names) EXPECT_NE(document.find("`" + name + "`"), std::string::npos) << name;
@@ -277,10 +279,12 @@ TEST(Report, HasExactlyTheDocumentedFields) {
   EXPECT_EQ(j["warnings"], json({"first", "second"}));
   EXPECT_EQ(j["seconds"]["scan"], 2.0);
   EXPECT_EQ(j["truth_mm"]["bias"], -0.001);
+  EXPECT_EQ(j["checks"][0]["verdict"], "not verifiable");
+  EXPECT_EQ(j["calibration"], json({{"date", "2026-01-01"}, {"systematic_mm", 0.005}, {"scale_u", 1e-4}}));
   EXPECT_NEAR(j["size_mm"][2].get<double>(), 60, 1e-9);
   EXPECT_NEAR(j["size_mm"][0].get<double>(), 61, 1);
   const json plain = json::parse(format_report(report_json(sample_fit(), {})));
-  for (const char* name : {"truth_mm", "scan", "closure_mm", "solid"}) EXPECT_FALSE(plain.contains(name));
+  for (const char* name : {"truth_mm", "scan", "closure_mm", "solid", "checks", "calibration"}) EXPECT_FALSE(plain.contains(name));
 }
 
 TEST(Results, FormatsFollowFromNames) {

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <condition_variable>
 #include <mutex>
@@ -177,8 +178,11 @@ TEST(ScanQueue, ASlippingTableIsToldByTheClosureTest) {
   ASSERT_TRUE(bench.queue->submit(quick_request(), "api"));
   const ScanRecord record = bench.wait_for_end();
   ASSERT_EQ(record.state, ScanState::done) << record.reason;
-  EXPECT_NE(report_of(record)["warnings"].dump().find("After a full turn"), std::string::npos)
-      << report_of(record).dump(2);
+  const auto scatter = std::find_if(record.checks.begin(), record.checks.end(),
+                                    [](const SelfCheck& check) { return check.name == "closure_scatter"; });
+  ASSERT_NE(scatter, record.checks.end());
+  EXPECT_EQ(scatter->verdict, CheckVerdict::failed) << report_of(record).dump(2);
+  EXPECT_EQ(report_of(record)["checks"].size(), record.checks.size());
 }
 
 TEST(ScanQueue, APressThatTheMachineTellsOfIsNotWaitedFor) {

@@ -5,6 +5,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <stdexcept>
 
@@ -30,8 +31,8 @@ json ask_simulator(const std::filesystem::path& folder, const std::string& reque
 Station::Station(const std::string& scene, const std::vector<std::string>& more, Link link, Time time)
     : camera("sim:" + folder.path().string()) {
   std::vector<std::string> command = {
-      "celadon-sim",  "--scene",    scene, "--seed", "3", "--speed", time == Time::real ? "real" : "max",
-      "--socket-dir", folder.path()};
+      "celadon-sim", "--scene", scene, "--speed", time == Time::real ? "real" : "max", "--socket-dir", folder.path()};
+  if (std::find(more.begin(), more.end(), "--seed") == more.end()) command.insert(command.end(), {"--seed", "3"});
   if (link == Link::modbus_rtu) {
     command.insert(command.end(), {"--modbus-tcp", "none", "--modbus-rtu", folder / "tty"});
   } else if (link == Link::usb) {

@@ -1,0 +1,240 @@
+#include "daemon/checks/self_checks.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <map>
+#include <numbers>
+#include <utility>
+#include <variant>
+
+#include "daemon/checks/error_harmonics.h"
+#include "daemon/profile_log.h"
+#include "fitting/coefficient_covariance.h"
+#include "fitting/own_frame.h"
+
+namespace celadon {
+namespace {
+
+constexpr double kTurn_rad = 2 * std::numbers::pi, kDegrees = 180 / std::numbers::pi;
+constexpr double kSigmas = 4;               // of the check itself: 6e-5 of all good scans are beyond, a check
+constexpr double kCoverage = 2;             // of what the calibration states
+constexpr double kScatterSigmas = 3;        // of the closure's scatter, in noise
+constexpr double kCoarsestTurn_deg = 0.25;  // a limit beyond this says nothing of the angle
+constexpr double kFinestTurn_deg = 0.005;   // encoders and clocks are no better
+constexpr const char* kHoldStill = "fasten object, camera and laser, let the machine warm up, and scan again";
+
+template <class... Values>
+std::string text_of(const char* format, Values... values) {
+  char text[320];
+  std::snprintf(text, sizeof text, format, values...);
+  return text;
+}
+
+double limit_of(double u, double stated) {
+  return std::hypot(kSigmas * u, kCoverage * stated);
+}
+
+/// A check of the size of a value; cause and remedy count where it failed.
+SelfCheck judged(const char* name, const char* unit, double value, double u, double limit, std::string note,
+                 std::string cause, std::string remedy) {
+  SelfCheck check{name, unit, value, u, limit, CheckVerdict::passed, std::move(note), {}, {}};
+  if (!(std::abs(value) <= limit)) {
+    check.verdict = CheckVerdict::failed;
+    check.cause = std::move(cause);
+    check.remedy = std::move(remedy);
+  }
+  return check;
+}
+
+SelfCheck unknown(const char* name, const char* unit, std::string why) {
+  return {name, unit, {}, {}, {}, CheckVerdict::not_verifiable, std::move(why), {}, {}};
+}
+
+using Cause = OverlapResult::Cause;
+
+std::string either_text(const OverlapResult& overlap) {
+  return text_of("on this object a turn that is %.3f degrees too long and a shift along r of %.4f mm look alike",
+                 overlap.turn_rad * kDegrees, overlap.shift_mm);
+}
+
+SelfCheck closure(const OverlapResult& overlap, double systematic_mm) {
+  if (!overlap.missing.empty()) return unknown("closure", "mm", overlap.missing);
+  const Cause by = overlap.cause;
+  return judged("closure", "mm", overlap.shift_mm, overlap.shift_u_mm, limit_of(overlap.shift_u_mm, systematic_mm),
+                "mean difference along r between 360 and 0 degrees",
+                by == Cause::turn    ? "the places that are seen again are other places: the turn was not a whole one"
+                : by == Cause::shift ? "camera, laser or object moved during the scan"
+                                     : "the object slipped, the steps per turn are wrong, or camera or laser "
+                                       "moved: " +
+                                           either_text(overlap),
+                by == Cause::turn    ? "see the check 'turn'"
+                : by == Cause::shift ? kHoldStill
+                                     : std::string(kHoldStill) + "; an object that is not round tells which it is");
+}
+
+SelfCheck closure_scatter(const std::optional<ClosureError>& error, const OverlapResult& overlap, double noise_mm,
+                          double kappa) {
+  if (!error) return unknown("closure_scatter", "mm", "nothing was seen again after 360 degrees");
+  // The fit's noise would swallow what does not close; that of the first look does not.
+  const double noise = overlap.missing.empty() ? std::min(noise_mm, overlap.noise_mm) : noise_mm;
+  const double u = error->rms * std::sqrt(kappa / (2 * static_cast<double>(error->samples)));
+  return judged("closure_scatter", "mm", error->rms, u, kScatterSigmas * std::numbers::sqrt2 * noise,
+                "root mean square difference of the samples at 360 and 0 degrees",
+                "after a full turn the same places measure differently",
+                "check that the object stands firmly, and the steps per turn, belt and backlash of the table");
+}
+
+SelfCheck turn(const OverlapResult& overlap, const Measured& encoder_scale) {
+  constexpr const char* kUnit = "deg/turn";
+  if (!overlap.missing.empty()) return unknown("turn", kUnit, overlap.missing);
+  const double value = overlap.turn_rad * kDegrees, u = overlap.turn_u_rad * kDegrees;
+  const double stated = encoder_scale.u / encoder_scale.value * 360;
+  const double limit = std::max(limit_of(u, stated), kFinestTurn_deg);
+  if (!(kSigmas * u <= kCoarsestTurn_deg)) {
+    return unknown(
+        "turn", kUnit,
+        "the object changes too little with the angle, for how its samples scatter, to show a small turn; what is "
+        "round about the table's axis never does");
+  }
+  if (std::abs(value) > limit && overlap.cause != Cause::turn) {
+    return unknown("turn", kUnit,
+                   overlap.cause == Cause::either
+                       ? either_text(overlap)
+                       : "what is seen again is not what a turn would show; see the check 'closure'");
+  }
+  return judged(
+      "turn", kUnit, value, u, limit,
+      "how much further than 360 degrees the object turned while the encoder counted them",
+      text_of("the object turned %.3f degrees for 360 of the encoder: it slipped on the table or the table on "
+              "its drive, or the steps per turn are wrong by %.2f %%",
+              360 + value, value / 3.6),
+      "fasten object, coupling and belt and scan again; if the same value comes back, set the drive's steps "
+      "per turn, or let celadon calibrate measure the encoder's scale");
+}
+
+/// The piece with most samples.
+const RangeFit& main_piece(const BodyFit& fit) {
+  const auto pieces = fit.pieces();
+  return *std::max_element(pieces.begin(), pieces.end(), [](const RangeFit& a, const RangeFit& b) {
+    return a.report.points - a.report.rejected < b.report.points - b.report.rejected;
+  });
+}
+
+std::size_t samples_of(const RangeFitReport& r) {
+  const std::size_t out = r.rejected + r.unfollowable;
+  return r.points > out ? r.points - out : 1;
+}
+
+void add_harmonics(std::vector<SelfCheck>& checks, const RangeFit& piece, double systematic_mm) {
+  const char* const names[] = {"harmonic_1", "harmonic_2"};
+  const BaseSurface& base = piece.function.base();
+  const auto around = base.arcs.closed() ? errors_around(piece.geometric_errors) : std::nullopt;
+  if (!is_round(piece.report.model) || !around) {
+    const char* const why =
+        around ? "the surface is not round and follows what a harmonic would show" : "the samples do not go all around";
+    for (const char* name : names) checks.push_back(unknown(name, "mm", why));
+    return;
+  }
+  // Each of cos and sin has the variance 2 kappa sigma^2 / n.
+  const double u =
+      piece.report.noise_mm * std::sqrt(2 * piece.report.kappa / static_cast<double>(samples_of(piece.report)));
+  const auto amplitude = first_harmonics(*around);
+  checks.push_back(judged(names[0], "mm", amplitude[0], u, limit_of(u, systematic_mm),
+                          "first harmonic of the samples about the surface's axis",
+                          "the object stands beside the axis that the surface has, or the table's axis moves",
+                          "scan again with the model left to the samples; check the table's bearing"));
+  checks.push_back(judged(names[1], "mm", amplitude[1], u, limit_of(u, systematic_mm),
+                          "second harmonic of the samples about the surface's axis",
+                          "the object is not round, or the table's bearing or its encoder errs periodically",
+                          "turn the object by 90 degrees on the table and scan again: what turns with it is the "
+                          "object's own"));
+  // A circle of radius R that stands e beside the axis has r = e cos + sqrt(R^2 - e^2 sin^2): its first harmonic is e.
+  // An axis that was calibrated wrong makes none, but a wrong radius.
+  const Eigen::Vector3d middle(0, 0, base.spherical() ? 0 : 0.5 * (base.band_start + base.band_end));
+  const double beside_mm = (base.X_WB * middle).head<2>().norm();
+  checks.push_back({"eccentricity",
+                    "mm",
+                    beside_mm > 0 ? beside_mm : amplitude[0],
+                    u,
+                    {},
+                    CheckVerdict::not_verifiable,
+                    "first harmonic of the fitted radius about the scanner's axis: where the object stands, which "
+                    "nothing else says",
+                    {},
+                    {}});
+}
+
+SelfCheck steadiness(const RangeFit& piece, double systematic_mm) {
+  const auto around = errors_around(piece.geometric_errors);
+  if (!around) return unknown("steadiness", "mm", "the samples do not go all around");
+  // Correlation along the line only: what profiles have in common is what is looked for.
+  const double kappa = piece.errors ? piece.errors->inflation.within : piece.report.kappa;
+  const double per_field = static_cast<double>(samples_of(piece.report)) / ErrorMap::kAround;
+  const double expected = piece.report.noise_mm * std::sqrt(kappa / per_field);
+  // Faster than the fields show: the variance between profiles that the fit found.
+  const double jitter = piece.errors && piece.errors->inflation.rows > 0
+                            ? piece.report.noise_mm *
+                                  std::sqrt(std::max(0., piece.errors->inflation.common) / piece.errors->inflation.rows)
+                            : 0;
+  const double u = expected / std::sqrt(2. * ErrorMap::kAround),
+               value = std::max(rms_beyond_harmonics(*around), jitter);
+  return judged(
+      "steadiness", "mm", value, u, std::hypot(kSigmas * u + expected, kCoverage * systematic_mm),
+      "what the samples of a profile, or of fields of 2 degrees, have in common and the surface does not, root "
+      "mean square",
+      "the object rocks, or camera, laser or table shake while the table turns",
+      "fasten the object, keep the machine away from what shakes it, scan slower or in steps");
+}
+
+}  // namespace
+
+OverlapResult compare_overlap(const std::filesystem::path& log_file) {
+  OverlapResult bad;
+  auto log = ProfileLogReader::open(log_file);
+  if (!log) {
+    bad.missing = log.error().message;
+    return bad;
+  }
+  OverlapComparison comparison;
+  std::map<int, double> starts;  // of the turn with each laser
+  while (const auto entry = (*log)->next_entry()) {
+    const auto* const logged = std::get_if<LoggedProfile>(&*entry);
+    if (logged == nullptr) continue;
+    const double angle = logged->profile->table_angle_rad;
+    const double turned = std::abs(angle - starts.try_emplace(logged->profile->laser, angle).first->second);
+    if (logged->overlap) {
+      comparison.again(turned - kTurn_rad, *logged->profile);
+    } else {
+      comparison.first(turned, *logged->profile);
+    }
+  }
+  if (!(*log)->error().empty()) {
+    bad.missing = (*log)->error();
+    return bad;
+  }
+  return comparison.result();
+}
+
+std::vector<SelfCheck> self_checks(const CheckedScan& scan) {
+  const RangeFit& piece = main_piece(scan.fit);
+  const double systematic_mm = scan.calibration.systematic_mm;
+  std::vector<SelfCheck> checks{
+      closure(scan.overlap, systematic_mm),
+      closure_scatter(scan.closure, scan.overlap, scan.fit.whole().noise_mm, scan.fit.whole().kappa),
+      turn(scan.overlap, scan.calibration.encoder_scale)};
+  add_harmonics(checks, piece, systematic_mm);
+  checks.push_back(steadiness(piece, systematic_mm));
+  if (scan.laser_difference_mm) {
+    checks.push_back(judged(
+        "laser_agreement", "mm", scan.laser_difference_mm->value, scan.laser_difference_mm->u,
+        limit_of(scan.laser_difference_mm->u, systematic_mm), "mean difference along r of what two lasers see",
+        "the planes of the lasers were calibrated apart, or one of them was moved", "run celadon calibrate again"));
+  } else if (scan.calibration.lasers.size() > 1) {
+    checks.push_back(unknown("laser_agreement", "mm", "this scan did not compare its lasers"));
+  }
+  return checks;
+}
+
+}  // namespace celadon

@@ -1,0 +1,33 @@
+#pragma once
+// After every scan: what its own samples say of whether it can be trusted. Source: README.md, "Self-checks".
+
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "acquisition/calibration.h"
+#include "daemon/body_fit.h"
+#include "daemon/checks/overlap_comparison.h"
+#include "daemon/checks/self_check.h"
+#include "daemon/report.h"
+
+namespace celadon {
+
+/// What the checks look at.
+struct CheckedScan {
+  const BodyFit& fit;  ///< with its errors measured
+  const Calibration& calibration;
+  OverlapResult overlap;                ///< of the beginning and the end of the turn
+  std::optional<ClosureError> closure;  ///< as the capture compared it
+  /// By how much two lasers see the same places apart, along r; nullopt: not measured.
+  std::optional<Measured> laser_difference_mm{};
+};
+
+/// Closure, angle of a turn, harmonics, steadiness, and agreement of lasers, in this order. Limits are four standard
+/// uncertainties of the check itself and, added in squares, twice what the calibration says that it does not know.
+std::vector<SelfCheck> self_checks(const CheckedScan& scan);
+
+/// The beginning and the end of the turn in the log of a whole scan, compared.
+OverlapResult compare_overlap(const std::filesystem::path& log_file);
+
+}  // namespace celadon
