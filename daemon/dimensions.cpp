@@ -15,6 +15,7 @@ namespace celadon {
 namespace {
 
 constexpr double kRounding_mm = 1e-9;
+constexpr const char* kConeAngle = "cone angle";
 
 /// Plain weighted least squares from a state nearby: smooth in the points, as differences need it.
 template <class Shape>
@@ -91,7 +92,9 @@ tl::expected<Dimensions, std::string> measure(Shape shape, const std::vector<std
   Dimensions out;
   for (Eigen::Index i = 0; i < values.size(); ++i) {
     const double a = std::max(0.0, scatter(i, i)), b = std::max(0.0, of_calibration(i, i));
-    out.values.push_back({names[static_cast<std::size_t>(i)], values[i], std::sqrt(a + b), std::sqrt(a), std::sqrt(b)});
+    const std::string& name = names[static_cast<std::size_t>(i)];
+    out.values.push_back(
+        {name, name == kConeAngle ? "rad" : "mm", values[i], std::sqrt(a + b), std::sqrt(a), std::sqrt(b)});
   }
   const double kept = weights.sum();
   out.form_mm = std::sqrt(weights.dot(residuals.cwiseAbs2()) / std::max(1.0, kept - static_cast<double>(J.cols())));
@@ -131,7 +134,7 @@ tl::expected<Dimensions, std::string> dimensions_of(RoundShape shape, const Scan
   char name[64];
   std::snprintf(name, sizeof name, "diameter at z = %.6g mm", at_z_mm);
   return measure(
-      start, {name, "cone angle"},
+      start, {name, kConeAngle},
       [at_z_mm](const Cone& c) {
         const double h = (at_z_mm - c.axis.point_mm.z()) / c.axis.axes(2, 2);
         return Eigen::VectorXd(Eigen::Vector2d(2 * (c.radius_mm + c.slope * h), 2 * std::atan(c.slope)));

@@ -8,17 +8,11 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/remeasured_points.h"
+#include "daemon/dimension.h"
 
 namespace celadon {
 
 enum class RoundShape { cylinder, cone, sphere };
-
-struct Dimension {
-  std::string name;          ///< "diameter", "diameter at z = 60 mm", "cone angle"
-  double value = 0, u = 0;   ///< mm or rad; standard uncertainty
-  double u_scatter = 0;      ///< the points' part of u
-  double u_calibration = 0;  ///< the calibration's part of u, drift included
-};
 
 struct Dimensions {
   std::vector<Dimension> values;

@@ -165,6 +165,18 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
   if (notes.closure_mm) json["closure_mm"] = to_json(*notes.closure_mm);
   put_lasers(json, notes);
   if (!notes.checks.empty()) json["checks"] = to_json(notes.checks);
+  if (!notes.dimensions.empty()) {
+    Json list = Json::array();
+    for (const Dimension& d : notes.dimensions) {
+      list.push_back({{"name", d.name},
+                      {"unit", d.unit},
+                      {"value", d.value},
+                      {"standard_uncertainty", d.u},
+                      {"of_scatter", d.u_scatter},
+                      {"of_calibration", d.u_calibration}});
+    }
+    json["dimensions"] = std::move(list);
+  }
   if (notes.calibration) {
     json["calibration"] = {{"date", notes.calibration->date},
                            {"systematic_mm", notes.calibration->systematic_mm},

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "daemon/checks/self_check.h"
+#include "daemon/dimension.h"
 #include "daemon/export/cad_client.h"
 #include "fitting/composite_fit.h"
 #include "fitting/flat_ends.h"
@@ -88,6 +89,7 @@ struct ResultNotes {
   std::optional<AgreementError> agreement_mm = {};
   std::vector<SelfCheck> checks;                 ///< of a scan
   std::optional<StatedCalibration> calibration;  ///< of a scan
+  std::vector<Dimension> dimensions = {};        ///< of a scan of a round object
   std::optional<CadResult> solid;
   std::string shape_reason;                  ///< why this base was chosen; empty: as it was named
   std::optional<LocalFrame> own_axis;        ///< how the surface's frame was found, if it was looked for

@@ -19,6 +19,7 @@
 #include "daemon/results.h"
 #include "daemon/safe_on_exit.h"
 #include "daemon/scan_capture.h"
+#include "daemon/scan_dimensions.h"
 #include "daemon/scan_lasers.h"
 #include "daemon/scan_preparation.h"
 #include "daemon/scan_solution.h"
@@ -281,6 +282,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     if (const auto& lasers = notes.agreement_mm) laser_difference_mm = Measured{lasers->bias, lasers->bias_sd};
     notes.checks = self_checks(
         {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, laser_difference_mm});
+    notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);
     return fit;
   };
   auto files = write_results(surfaces, measured, formats, task.results_folder, notes, {.cad = cad ? &*cad : nullptr});

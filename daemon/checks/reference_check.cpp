@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <numbers>
+#include <optional>
 
 #include <nlohmann/json.hpp>
 
@@ -65,6 +66,7 @@ std::string text_of(const char* format, Values... values) {
 
 struct StatedFields {
   double systematic_mm, scale_u;
+  std::optional<double> diameter_u_mm;  ///< the calibration's part of a stated diameter
   std::vector<std::string> failed_checks;
 };
 StatedFields stated_in(const nlohmann::json& report) {
@@ -72,7 +74,13 @@ StatedFields stated_in(const nlohmann::json& report) {
   if (!root.has("calibration"))
     throw JsonProblem{"there is no field calibration: it is of no scan, or of an older program; scan again"};
   StatedFields stated{
-      root.at("calibration").at("systematic_mm").number(), root.at("calibration").at("scale_u").number(), {}};
+      root.at("calibration").at("systematic_mm").number(), root.at("calibration").at("scale_u").number(), {}, {}};
+  if (root.has("dimensions")) {
+    for (const auto& dimension : report["dimensions"]) {
+      const JsonField field(dimension, "dimensions");
+      if (field.at("name").text() == "diameter") stated.diameter_u_mm = field.at("of_calibration").number();
+    }
+  }
   if (!root.has("checks")) throw JsonProblem{"there is no field checks: it is of no scan; scan again"};
   for (const SelfCheck& check : self_checks_from_json(report["checks"]))
     if (check.verdict == CheckVerdict::failed) stated.failed_checks.push_back(check.name);
@@ -140,8 +148,10 @@ tl::expected<ReferenceCheck, std::string> check_reference(const Reference& refer
   double u_calibration = 0;
   try {
     StatedFields stated = stated_in(report);
-    // systematic_mm holds the scale's part where celadon calibrate wrote it: the larger of the two counts.
-    u_calibration = std::max(stated.systematic_mm, stated.scale_u * reference.diameter_mm / 2);
+    // The joint covariance knows best; without a stated diameter the larger of the two counts, since systematic_mm
+    // holds the scale's part where celadon calibrate wrote it.
+    u_calibration = stated.diameter_u_mm ? *stated.diameter_u_mm / 2
+                                         : std::max(stated.systematic_mm, stated.scale_u * reference.diameter_mm / 2);
     check.failed_checks = std::move(stated.failed_checks);
   } catch (const JsonProblem& problem) {
     return tl::make_unexpected("report.json cannot be judged: " + problem.text);

@@ -184,6 +184,12 @@ std::string summary_of(const json& report) {
     text += line("  shell       %s, %d face, open around: no solid",
                  report["shell"]["valid"].get<bool>() ? "valid" : "NOT VALID", report["shell"]["faces"].get<int>());
   }
+  if (report.contains("dimensions")) {
+    for (const auto& d : report["dimensions"]) {
+      text += line("  size        %s %.4f mm, known to %.4f mm (k = 2)", d["name"].get<std::string>().c_str(),
+                   d["value"].get<double>(), 2 * d["standard_uncertainty"].get<double>());
+    }
+  }
   if (report.contains("checks")) text += checks_lines(report["checks"]);
   for (const auto& warning : report["warnings"]) text += "  note        " + warning.get<std::string>() + "\n";
   return text;

@@ -135,6 +135,10 @@ TEST(ReferenceCheck, NormalisedErrorIsThatOfHandWork) {
   EXPECT_EQ(judged(ball(25.1), "sphere:D=50,u=0.003", report()).verdict, ReferenceVerdict::refused);
   // A scale that is stated worse than the radius counts in its place: U = 4 sqrt(0.001^2 + 0.03^2)
   EXPECT_NEAR(judged(wall(30, 30), "cylinder:D=60,u=0.003", report(0.004, 1e-3)).U_mm, 0.12007, 1e-4);
+  // A stated diameter knows better than both: U = 2 sqrt(0.002^2 + 0.01^2)
+  json stated = report(0.004, 1e-3);
+  stated["dimensions"] = {{{"name", "diameter"}, {"unit", "mm"}, {"value", 60.0}, {"of_calibration", 0.01}}};
+  EXPECT_NEAR(judged(wall(30, 30), "cylinder:D=60,u=0.003", stated).U_mm, 0.020396, 1e-5);
 }
 
 TEST(ReferenceCheck, FormUncertaintyAndTheScansOwnChecksCount) {

@@ -258,15 +258,17 @@ TEST(Report, HasExactlyTheDocumentedFields) {
   notes.solid = CadResult{1234.5, true, 3};
   notes.checks = {{"turn", "deg/turn", {}, {}, {}, CheckVerdict::not_verifiable, "round", {}, {}}};
   notes.calibration = StatedCalibration{"2026-01-01", 0.005, 1e-4};
+  notes.dimensions = {{"diameter", "mm", 61, 0.005, 0.003, 0.004}};
   const json j = json::parse(format_report(report_json(sample_fit(), notes)));
   std::set<std::string> names;
   for (const auto& [key, value] : j.items()) names.insert(key);
-  EXPECT_EQ(names, (std::set<std::string>{
-                       "format", "version",     "units",        "name",     "date",       "machine",        "simulated",
-                       "points", "rejected",    "unfollowable", "model",    "degree",     "control_points", "noise_mm",
-                       "kappa",  "residual_mm", "geometric_mm", "coverage", "decided_by", "stopped_by",     "base",
-                       "frame",  "band_mm",     "cut_mm",       "size_mm",  "warnings",   "seconds",        "truth_mm",
-                       "scan",   "closure_mm",  "solid",        "sd_mm",    "checks",     "calibration"}));
+  EXPECT_EQ(names,
+            (std::set<std::string>{
+                "format", "version",     "units",        "name",     "date",       "machine",        "simulated",
+                "points", "rejected",    "unfollowable", "model",    "degree",     "control_points", "noise_mm",
+                "kappa",  "residual_mm", "geometric_mm", "coverage", "decided_by", "stopped_by",     "base",
+                "frame",  "band_mm",     "cut_mm",       "size_mm",  "warnings",   "seconds",        "truth_mm",
+                "scan",   "closure_mm",  "solid",        "sd_mm",    "checks",     "calibration",    "dimensions"}));
   // RESULTS.md names every one of them.
   const std::string document = read_file(std::filesystem::path(CELADON_SOURCE_DIR) / "daemon/RESULTS.md");
   for (const std::string& name : names) EXPECT_NE(document.find("`" + name + "`"), std::string::npos) << name;
@@ -281,10 +283,14 @@ TEST(Report, HasExactlyTheDocumentedFields) {
   EXPECT_EQ(j["truth_mm"]["bias"], -0.001);
   EXPECT_EQ(j["checks"][0]["verdict"], "not verifiable");
   EXPECT_EQ(j["calibration"], json({{"date", "2026-01-01"}, {"systematic_mm", 0.005}, {"scale_u", 1e-4}}));
+  EXPECT_EQ(j["dimensions"],
+            json::parse(R"([{"name": "diameter", "unit": "mm", "value": 61.0, "standard_uncertainty": 0.005,
+                                              "of_scatter": 0.003, "of_calibration": 0.004}])"));
   EXPECT_NEAR(j["size_mm"][2].get<double>(), 60, 1e-9);
   EXPECT_NEAR(j["size_mm"][0].get<double>(), 61, 1);
   const json plain = json::parse(format_report(report_json(sample_fit(), {})));
-  for (const char* name : {"truth_mm", "scan", "closure_mm", "solid", "checks", "calibration"}) EXPECT_FALSE(plain.contains(name));
+  for (const char* name : {"truth_mm", "scan", "closure_mm", "solid", "checks", "calibration", "dimensions"})
+    EXPECT_FALSE(plain.contains(name));
 }
 
 TEST(Results, FormatsFollowFromNames) {

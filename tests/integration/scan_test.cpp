@@ -71,6 +71,10 @@ TEST(Scan, StepModeSeesTheSameObject) {
   const json report = json::parse(read_file(folder / "out" / "report.json"));
   EXPECT_EQ(report["model"], "cylinder") << report["decided_by"];
   EXPECT_LT(report["truth_mm"]["max"], 0.05);
+  const json& diameter = report["dimensions"][0];
+  EXPECT_NEAR(diameter["value"].get<double>(), 60, 3 * diameter["standard_uncertainty"].get<double>());
+  EXPECT_GT(diameter["standard_uncertainty"], 0.002);
+  EXPECT_LT(diameter["standard_uncertainty"], 0.03);
 }
 
 TEST(Scan, SCurvesSeeTheSameObjectAndSoftLimitsEndAScanBeforeItTurns) {
