@@ -171,14 +171,17 @@ HWY_INLINE void store_cells(D d, const std::uint8_t* on, const std::uint8_t* off
 }
 
 /// One cell (mean signal) for each 4 pixels. @pre cell_count >= lanes of D
-template <Signal kSignal, bool kSubtract, class D>
-HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, int cell_count, std::uint8_t* cells) {
+/// @param ask  called once an iteration, as by all loops over a row: asks memory for some of a later one
+template <Signal kSignal, bool kSubtract, class D, class Ask>
+HWY_INLINE void decimate(D d, const std::uint8_t* on, const std::uint8_t* off, int cell_count, std::uint8_t* cells,
+                         Ask&& ask) {
   constexpr int kBytesPerCell = kSignal == Signal::grey ? 4 : 8;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto dark = [&](int cell) { return kSubtract ? off + cell * kBytesPerCell : nullptr; };
   int cell = 0;
   for (; cell + lanes <= cell_count; cell += lanes) {
     store_cells<kSignal, kSubtract>(d, on + cell * kBytesPerCell, dark(cell), cells + cell);
+    ask();
   }
   if (cell == cell_count) return;
   cell = cell_count - lanes;  // no read or write beyond
@@ -215,7 +218,8 @@ HWY_INLINE V8 scores_of(const std::uint8_t* cell) {
 
 /// Scores all cells; returns the largest of each lane.
 /// @pre padded cells; scores[-kPaddingCells .. cell_count + kPaddingCells) can be written
-HWY_INLINE V8 score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores) {
+template <class Ask>
+HWY_INLINE V8 score_cells(const std::uint8_t* cells, int cell_count, std::uint8_t* scores, Ask&& ask) {
   const D8 d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto zero = hn::Zero(d);
@@ -226,6 +230,7 @@ HWY_INLINE V8 score_cells(const std::uint8_t* cells, int cell_count, std::uint8_
     hn::Store(even, d, scores + i);
     hn::Store(odd, d, scores + i + lanes);
     highest = hn::Max(highest, hn::Max(even, odd));
+    ask();
   }
   hn::Store(zero, d, scores - lanes);
   hn::Store(zero, d, scores + i);
@@ -285,7 +290,8 @@ struct ScoreTotals {
   int highest = 0, sum = 0;
 };
 
-HWY_INLINE ScoreTotals totals_of(const std::uint8_t* scores, int cell_count) {
+template <class Ask>
+HWY_INLINE ScoreTotals totals_of(const std::uint8_t* scores, int cell_count, Ask&& ask) {
   const D8 d;
   const hn::Repartition<std::uint64_t, D8> d64;
   auto highest = hn::Zero(d);
@@ -295,6 +301,7 @@ HWY_INLINE ScoreTotals totals_of(const std::uint8_t* scores, int cell_count) {
     const auto even = hn::Load(d, scores + i), odd = hn::Load(d, scores + i + lanes);
     highest = hn::Max(highest, hn::Max(even, odd));
     sum = hn::Add(sum, hn::Add(hn::SumsOf8(even), hn::SumsOf8(odd)));
+    ask();
   }
   return {largest(highest), static_cast<int>(hn::GetLane(hn::SumOfLanes(d64, sum)))};
 }
@@ -314,9 +321,10 @@ HWY_INLINE TopScore take_top(std::uint8_t* scores, int cell_count, V8 highest) {
 }
 
 /// What the top that was taken out is, next to what is left: status found or ambiguous with centers, or no line.
+template <class Ask>
 HWY_INLINE CoarsePeak judge(const TopScore& top, const std::uint8_t* scores, int cell_count,
-                            const LaserLineOptions& options) {
-  const ScoreTotals left = totals_of(scores, cell_count);
+                            const LaserLineOptions& options, Ask&& ask) {
+  const ScoreTotals left = totals_of(scores, cell_count, ask);
   if (top.vertex.score < options.minimum_contrast) return {};
   CoarsePeak peak{RowStatus::found, center_of(top.cell, top.vertex)};
   const float share = static_cast<float>(options.ambiguous_percent) * 0.01f;

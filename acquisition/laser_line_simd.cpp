@@ -29,7 +29,8 @@ HWY_INLINE void write_row(const Scratch& s, int lane, int width, LineRow& row) {
   row.status = window.saturated ? RowStatus::saturated : RowStatus::found;
 }
 
-/// Asks for a row some time before it is worked on, a part at a time: a core waits for few lines of memory at once.
+/// Asks for rows some time before they are worked on, a cache line with each iteration of the loops over the rows in
+/// work: a core waits for few lines of memory at once, and those asked for in a burst wait for each other.
 /// Inlined always: g++ takes a function that only asks for memory for one without effects, and leaves out its calls.
 class RowRequest {
  public:
@@ -37,26 +38,24 @@ class RowRequest {
   /// know: has those of a later row looked up.
   HWY_INLINE RowRequest(const std::uint8_t* frame, std::size_t stride_bytes, std::size_t row_bytes, int row,
                         int row_count)
-      : part_bytes_((row_bytes / kLineBytes + kParts - 1) / kParts * kLineBytes) {
-    const auto ahead = [&](int rows) {
-      return static_cast<std::size_t>(std::min(row + rows, row_count - 1)) * stride_bytes;
-    };
-    for (std::size_t i = 0; i < row_bytes; i += kPageBytes) hwy::Prefetch(frame + ahead(kRowsOfPages) + i);
-    bytes_ = frame + ahead(kRowsAsked);
+      : next_(frame + static_cast<std::size_t>(std::min(row + kRowsAsked, row_count - 1)) * stride_bytes),
+        end_(next_ + row_bytes) {
+    const auto later = static_cast<std::size_t>(std::min(row + kRowsOfPages, row_count - 1)) * stride_bytes;
+    for (std::size_t i = 0; i < row_bytes; i += kPageBytes) hwy::Prefetch(frame + later + i);
   }
 
-  HWY_INLINE void ask_for_part(std::size_t part) const {
+  HWY_INLINE void ask() {
     constexpr int kSecondLevel = 2;  // of the cache: the first is full of rows in work
-    for (std::size_t i = 0; i < part_bytes_; i += kLineBytes) {
-      __builtin_prefetch(bytes_ + part * part_bytes_ + i, 0, kSecondLevel);
-    }
+    if (next_ >= end_) return;
+    __builtin_prefetch(next_, 0, kSecondLevel);
+    next_ += kLineBytes;
   }
 
  private:
-  static constexpr std::size_t kParts = kRowsInWork, kLineBytes = 64, kPageBytes = 4096;
-  static constexpr int kRowsAsked = 5, kRowsOfPages = 9;
-  std::size_t part_bytes_;
-  const std::uint8_t* bytes_;
+  static constexpr std::size_t kLineBytes = 64, kPageBytes = 4096;
+  static constexpr int kRowsAsked = 14, kRowsOfPages = 15;
+  const std::uint8_t* next_;
+  const std::uint8_t* end_;
 };
 
 /// Positions of the windows that were cut, written to their rows; those without a window are left.
@@ -100,11 +99,15 @@ void extract_block(const Job& job, int first_row, int row_count) {
   for (int i = row_count; i < kBlockRows; ++i) s.window[i].kind = WindowKind::none;
   // A row's five steps in five turns: its stores are in the cache when it is read again.
   for (int turn = 0; turn < row_count + kRowsInWork - 1; ++turn) {
-    const RowRequest on_request = request(job.on, first_row + turn);
-    const RowRequest off_request = kSubtract ? request(job.off, first_row + turn) : on_request;
+    RowRequest on_request = request(job.on, first_row + turn);
+    RowRequest off_request = kSubtract ? request(job.off, first_row + turn) : on_request;
+    const auto ask = [&]() HWY_ATTR {
+      for (int k = 0; k < (kSignal == Signal::grey ? 1 : 2); ++k) {
+        on_request.ask();
+        if (kSubtract) off_request.ask();
+      }
+    };
     const auto in_turn = [&](int step, auto&& work) {
-      if (turn < row_count) on_request.ask_for_part(static_cast<std::size_t>(step));
-      if (kSubtract && turn < row_count) off_request.ask_for_part(static_cast<std::size_t>(step));
       const int i = turn - step;
       if (i >= 0 && i < row_count) work(i, i % kRowsInWork);
     };
@@ -113,21 +116,21 @@ void extract_block(const Job& job, int first_row, int row_count) {
       const std::uint8_t* off = kSubtract ? row_of(job.off, i) : nullptr;
       std::uint8_t* cells = s.cells[slot] + kPaddingCells;
       if (narrow) {  // NOLINT(bugprone-branch-clone): the same where vectors have 16 lanes
-        decimate<kSignal, kSubtract>(DNarrow(), on, off, cell_count, cells);
+        decimate<kSignal, kSubtract>(DNarrow(), on, off, cell_count, cells, ask);
       } else {
-        decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells);
+        decimate<kSignal, kSubtract>(D8(), on, off, cell_count, cells, ask);
       }
       pad_cells(cells, cell_count);
     });
     in_turn(1, [&](int, int slot) {
-      const auto highest = score_cells(s.cells[slot] + kPaddingCells, cell_count, s.scores[slot] + kPaddingCells);
+      const auto highest = score_cells(s.cells[slot] + kPaddingCells, cell_count, s.scores[slot] + kPaddingCells, ask);
       hn::Store(highest, D8(), s.highest[slot]);
     });
     in_turn(2, [&](int, int slot) {
       top[slot] = take_top(s.scores[slot] + kPaddingCells, cell_count, hn::Load(D8(), s.highest[slot]));
     });
     in_turn(3, [&](int i, int slot) {
-      peaks[i] = judge(top[slot], s.scores[slot] + kPaddingCells, cell_count, job.options);
+      peaks[i] = judge(top[slot], s.scores[slot] + kPaddingCells, cell_count, job.options, ask);
     });
     in_turn(4, [&](int i, int) {
       const bool found = peaks[i].status == RowStatus::found, none = peaks[i].status == RowStatus::no_line;

@@ -56,6 +56,12 @@ class Triangulator {
     return triangulate(rows, frame, AngleAtRef{const_cast<void*>(static_cast<const void*>(&angle_at)), call}, profile);
   }
 
+  LineAlong along() const { return along_; }
+  /// Rows of a picture (columns, of a line along them).
+  std::size_t line_count() const {
+    return static_cast<std::size_t>(along_ == LineAlong::rows ? height_px_ : width_px_);
+  }
+
   /// Instant of a row by the time model.
   std::int64_t row_instant_ns(const FrameInfo& frame, double row) const;
 

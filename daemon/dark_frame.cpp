@@ -24,8 +24,8 @@ std::optional<std::string> light_although_off(FrameSource& camera, const Triangu
     if (!frame) return std::nullopt;
     const FrameInfo& info = frame->info;
     if (info.corrupt || triangulator.row_instant_ns(info, 0) - info.exposure_ns / 2 < dark_since_ns) continue;
-    LaserLineExtractor extractor;
-    std::vector<LineRow> rows(static_cast<std::size_t>(camera.mode().height_px));
+    LaserLineExtractor extractor({.along = triangulator.along()});
+    std::vector<LineRow> rows(triangulator.line_count());
     extractor.extract(camera.mode(), frame->bytes(), seen.background, rows);
     const LineBrightness now = brightness_of(rows);
     if (now.lines < kRowShare * seen.line.lines || now.amplitude < kBrightnessShare * seen.line.amplitude)
@@ -35,12 +35,13 @@ std::optional<std::string> light_although_off(FrameSource& camera, const Triangu
   return std::nullopt;
 }
 
-std::optional<std::string> light_in_background(const CameraMode& mode, const std::vector<std::uint8_t>& background) {
-  LaserLineExtractor extractor;
-  std::vector<LineRow> rows(static_cast<std::size_t>(mode.height_px));
+std::optional<std::string> light_in_background(const CameraMode& mode, const std::vector<std::uint8_t>& background,
+                                               LineAlong along) {
+  LaserLineExtractor extractor({.along = along});
+  std::vector<LineRow> rows(static_cast<std::size_t>(along == LineAlong::rows ? mode.height_px : mode.width_px));
   extractor.extract(mode, background, {}, rows);
   const LineBrightness line = brightness_of(rows);
-  if (line.lines < kBackgroundShare * mode.height_px) return std::nullopt;
+  if (line.lines < kBackgroundShare * static_cast<double>(rows.size())) return std::nullopt;
   return shines(line.lines, "The picture taken with the laser switched off");
 }
 

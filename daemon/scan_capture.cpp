@@ -83,7 +83,9 @@ class Intake {
         turn_(turn),
         closure_(turn.overlap_rad),
         running_fit_(running_options(tools)),
-        rows_(static_cast<std::size_t>(tools.equipment.camera.mode().height_px)) {
+        extractor_({.along = tools.turn->triangulator.along()}),
+        rows_(tools.turn->triangulator.line_count()),
+        previous_(rows_.size()) {
     profile_.laser = static_cast<std::uint8_t>(tools.turn->laser);
     share_.laser = tools.turn->laser;
   }
@@ -95,7 +97,8 @@ class Intake {
     if (auto kept = tools_.feed.keep(frame, angle.middle, overlap ? FrameUse::overlap : FrameUse::turn); !kept) {
       return kept;
     }
-    tools_.extractor.extract(tools_.equipment.camera.mode(), frame.bytes(), tools_.turn->seen.background, rows_);
+    std::swap(rows_, previous_);
+    extractor_.extract(tools_.equipment.camera.mode(), frame.bytes(), tools_.turn->seen.background, rows_, previous_);
     frame.release();  // the driver gets its buffer back before anything slower happens
     const auto counts = tools_.turn->triangulator.triangulate(
         rows_, info, [&](std::int64_t ns) { return angle.at(ns); }, profile_);
@@ -191,7 +194,8 @@ class Intake {
   const Turn turn_;
   ClosureTest closure_;
   RunningFit running_fit_;
-  std::vector<LineRow> rows_;
+  LaserLineExtractor extractor_;
+  std::vector<LineRow> rows_, previous_;  ///< of this frame and of the one before
   Profile profile_;
   LaserShare share_;
   std::chrono::steady_clock::time_point last_report_ = std::chrono::steady_clock::now();

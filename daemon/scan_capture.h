@@ -40,7 +40,6 @@ struct CaptureTools {
   const ScanEquipment& equipment;
   const ScanRequest& request;
   FrameFeed& feed;
-  LaserLineExtractor& extractor;
   ProfileLogWriter& log;
   MomentGrid& sums;
   FirstLook& look;

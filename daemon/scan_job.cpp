@@ -185,7 +185,6 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
                                 lasers_present(equipment.device, equipment.camera, equipment.calibration));
   if (!lasers) return failed(lasers.error(), ScanFailure::device);
   std::vector<LaserTurn> turns = turns_with(*lasers, equipment.calibration, equipment.volume);
-  LaserLineExtractor extractor;
   if (recorded == nullptr) {
     auto ready = make_device_ready(equipment, task, observer);
     if (!ready) return tl::make_unexpected(ready.error());
@@ -195,7 +194,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   auto feed = FrameFeed::start(equipment, observer, turns.front().triangulator, turns.front().laser);
   if (!feed) return tl::make_unexpected(feed.error());
   if (*recording) (*feed)->record_frames_in(**recording);
-  auto seen = look_with_each(equipment, **feed, extractor, turns);
+  auto seen = look_with_each(equipment, **feed, turns);
   if (!seen) return tl::make_unexpected(seen.error());
   notes.warnings.insert(notes.warnings.end(), seen->warnings.begin(), seen->warnings.end());
   auto log = open_log(equipment, task, *seen, *lasers);
@@ -212,8 +211,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   auto cad = std::find(formats.begin(), formats.end(), ResultFormat::step) != formats.end()
                  ? CadWorker::start()
                  : tl::make_unexpected(std::string());
-  auto captured =
-      turn_with_each({equipment, task.request, **feed, extractor, **log, sums, look, agreement, observer}, turns);
+  auto captured = turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, observer}, turns);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
@@ -279,9 +277,13 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     if (!fit) return fit;
     warnings = fit->whole().warnings;
     std::optional<Measured> laser_difference_mm;
-    if (const auto& lasers = notes.agreement_mm) laser_difference_mm = Measured{lasers->bias, lasers->bias_sd};
-    notes.checks = self_checks(
-        {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, laser_difference_mm});
+    double laser_scatter_mm = 0;
+    if (const auto& e = notes.agreement_mm) {
+      laser_difference_mm = Measured{e->bias, e->bias_sd};
+      laser_scatter_mm = std::sqrt(std::max(0., e->rms * e->rms - e->noise * e->noise));
+    }
+    notes.checks = self_checks({*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm,
+                                laser_difference_mm, laser_scatter_mm});
     notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);
     return fit;
   };

@@ -31,11 +31,10 @@ ScanStop about(const LaserTurn& turn, std::span<const LaserTurn> turns, ScanStop
   return stop;
 }
 
-tl::expected<void, ScanStop> look_again(const ScanEquipment& equipment, FrameFeed& feed, LaserLineExtractor& extractor,
-                                        LaserTurn& turn, std::span<const LaserTurn> turns, RecordedLook which) {
-  auto seen = equipment.device == nullptr
-                  ? look_at_recording(equipment, extractor, turn.triangulator, turn.laser, which)
-                  : look_at_object(equipment, feed, extractor, turn.triangulator);
+tl::expected<void, ScanStop> look_again(const ScanEquipment& equipment, FrameFeed& feed, LaserTurn& turn,
+                                        std::span<const LaserTurn> turns, RecordedLook which) {
+  auto seen = equipment.device == nullptr ? look_at_recording(equipment, turn.triangulator, turn.laser, which)
+                                          : look_at_object(equipment, feed, turn.triangulator);
   if (!seen) return tl::make_unexpected(about(turn, turns, seen.error()));
   turn.seen = std::move(*seen);
   if (turns.size() > 1) {
@@ -67,7 +66,7 @@ tl::expected<bool, ScanStop> still_shines(const CaptureTools& tools, const Laser
   auto frame = tools.feed.next_after(dark_since_ns);
   if (!frame) return tl::make_unexpected(frame.error());
   const std::vector<std::uint8_t> picture(frame->bytes().begin(), frame->bytes().end());
-  return light_in_background(camera.mode(), picture).has_value();
+  return light_in_background(camera.mode(), picture, before.triangulator.along()).has_value();
 }
 
 /// From the end of one laser's turn to a steady line of the next one.
@@ -94,8 +93,7 @@ tl::expected<void, ScanStop> change_laser(const CaptureTools& tools, const Laser
     if (auto polled = feed.poll(); !polled) return polled;
   }
   feed.use_laser(next.laser);
-  if (auto looked = look_again(equipment, feed, tools.extractor, next, turns, RecordedLook::before_its_turn); !looked)
-    return looked;
+  if (auto looked = look_again(equipment, feed, next, turns, RecordedLook::before_its_turn); !looked) return looked;
   feed.record_in(tools.log);
   return {};
 }
@@ -137,21 +135,28 @@ tl::expected<std::vector<int>, std::string> lasers_of(const ScanRequest& request
   return calibrated;
 }
 
+LineAlong along_of(int laser, const Calibration& calibration) {
+  const auto plane = std::find_if(calibration.lasers.begin(), calibration.lasers.end(),
+                                  [&](const LaserPlane& candidate) { return candidate.laser == laser; });
+  return plane == calibration.lasers.end() ? LineAlong::rows : line_along(*plane);
+}
+
 std::vector<LaserTurn> turns_with(std::span<const int> lasers, const Calibration& calibration,
                                   const ScanVolume& volume) {
   std::vector<LaserTurn> turns;
-  for (const int laser : lasers) turns.push_back({laser, Triangulator(calibration, laser, volume), {}});
+  for (const int laser : lasers)
+    turns.push_back({laser, Triangulator(calibration, laser, volume, along_of(laser, calibration)), {}});
   return turns;
 }
 
 tl::expected<ScanPreparation, ScanStop> look_with_each(const ScanEquipment& equipment, FrameFeed& feed,
-                                                       LaserLineExtractor& extractor, std::span<LaserTurn> turns) {
+                                                       std::span<LaserTurn> turns) {
   for (std::size_t k = turns.size(); k-- > 0;) {
     if (equipment.device != nullptr && k + 1 < turns.size()) {
       if (auto off = feed.laser_off(); !off) return tl::make_unexpected(off.error());
     }
     feed.use_laser(turns[k].laser);
-    if (auto looked = look_again(equipment, feed, extractor, turns[k], turns, RecordedLook::before_all_turns); !looked)
+    if (auto looked = look_again(equipment, feed, turns[k], turns, RecordedLook::before_all_turns); !looked)
       return tl::make_unexpected(looked.error());
   }
   ScanPreparation together;
@@ -180,8 +185,7 @@ tl::expected<CaptureResult, ScanStop> turn_with_each(const CaptureTools& tools, 
     of_turn.so_far = &so_far;
     so_far.turn = static_cast<int>(k);
     if (k > 0) {
-      auto ready = recorded ? look_again(tools.equipment, tools.feed, tools.extractor, turn, turns,
-                                         RecordedLook::before_its_turn)
+      auto ready = recorded ? look_again(tools.equipment, tools.feed, turn, turns, RecordedLook::before_its_turn)
                             : change_laser(of_turn, turns[k - 1], turn, turns, begin_rad);
       if (!ready) return tl::make_unexpected(ready.error());
       warnings.insert(warnings.end(), turn.seen.warnings.begin(), turn.seen.warnings.end());

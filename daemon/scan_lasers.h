@@ -24,6 +24,9 @@ std::vector<int> lasers_present(const ScannerDevice* device, const FrameSource& 
 tl::expected<std::vector<int>, std::string> lasers_of(const ScanRequest& request, const Calibration& calibration,
                                                       std::span<const int> present);
 
+/// How a laser's line lies in the picture, by its plane.
+LineAlong along_of(int laser, const Calibration& calibration);
+
 /// The turns to come, before anything was seen.
 std::vector<LaserTurn> turns_with(std::span<const int> lasers, const Calibration& calibration,
                                   const ScanVolume& volume);
@@ -32,7 +35,7 @@ std::vector<LaserTurn> turns_with(std::span<const int> lasers, const Calibration
 /// first laser on and the others off.
 /// @returns what they see together: the heights of all, the samples of a frame of each, the warnings of the first
 tl::expected<ScanPreparation, ScanStop> look_with_each(const ScanEquipment& equipment, FrameFeed& feed,
-                                                       LaserLineExtractor& extractor, std::span<LaserTurn> turns);
+                                                       std::span<LaserTurn> turns);
 
 /// One turn after the other, each as the request wants it or as the recording holds it. Between two turns all lasers
 /// are off, seen dark by the camera, and the background is taken anew. @returns the sum of all turns

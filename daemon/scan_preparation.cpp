@@ -172,7 +172,6 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
 }
 
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
-                                                       LaserLineExtractor& extractor,
                                                        const Triangulator& triangulator) {
   ScanPreparation preparation;
   if (auto off = feed.laser_off(); !off) return tl::make_unexpected(off.error());
@@ -182,7 +181,8 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
 
   if (auto on = feed.laser_on(); !on) return tl::make_unexpected(on.error());
   const CameraMode mode = equipment.camera.mode();
-  std::vector<LineRow> rows(static_cast<std::size_t>(mode.height_px));
+  LaserLineExtractor extractor({.along = triangulator.along()});
+  std::vector<LineRow> rows(triangulator.line_count());
   LineBrightness last;
   FrameInfo seen;
   int steady = 0;
@@ -201,7 +201,8 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     last = now;
     const std::int64_t waited_ns = equipment.clock.now_ns() - feed.shining_since_ns();
     if (now.lines == 0 && waited_ns > kLineLimit_ns) {
-      if (const auto shines = light_in_background(mode, preparation.background)) return device_failed(*shines);
+      if (const auto shines = light_in_background(mode, preparation.background, triangulator.along()))
+        return device_failed(*shines);
       return device_failed(
           "No laser line is seen in " + seconds(waited_ns) +
           ": check that the laser shines on the object, that nothing covers the camera, and the exposure (" +
@@ -230,7 +231,7 @@ bool is_of_laser(const FrameSource& camera, const FrameInfo& frame, int laser) {
   return recorded == nullptr || recorded->lasers.empty() || frame.laser == laser;
 }
 
-tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment, LaserLineExtractor& extractor,
+tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment,
                                                           const Triangulator& triangulator, int laser,
                                                           RecordedLook which) {
   FrameSource& camera = equipment.camera;
@@ -266,7 +267,8 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
     return device_failed("The recording has no frame with laser " + std::to_string(laser) + " on; record again.");
   }
   preparation.background = dark.mean();
-  std::vector<LineRow> rows(static_cast<std::size_t>(camera.mode().height_px));
+  LaserLineExtractor extractor({.along = triangulator.along()});
+  std::vector<LineRow> rows(triangulator.line_count());
   extractor.extract(camera.mode(), look.bytes(), preparation.background, rows);
   const LineBrightness brightness = brightness_of(rows);
   if (brightness.lines == 0) {

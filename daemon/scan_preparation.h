@@ -36,13 +36,13 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
 tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& feed, Clock& clock);
 /// Background with the laser off, then the laser on until its line is steady. Leaves the laser on.
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
-                                                       LaserLineExtractor& extractor, const Triangulator& triangulator);
+                                                       const Triangulator& triangulator);
 
 /// Which of the looks with a laser: those that fixed what is worked on, or the ones that its own turn followed.
 enum class RecordedLook { before_all_turns, before_its_turn };
 /// The same of a recording, which it starts from its first frame: background from the laser's frames with the laser off
 /// (none: empty), the object from its last look, else from the first frame of its turn.
-tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment, LaserLineExtractor& extractor,
+tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment,
                                                           const Triangulator& triangulator, int laser,
                                                           RecordedLook which);
 /// Whether a recorded frame belongs to a laser's turn; in a recording that does not say, each does.

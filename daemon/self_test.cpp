@@ -5,6 +5,7 @@
 #include "daemon/dark_frame.h"
 #include "daemon/frame_feed.h"
 #include "daemon/safe_on_exit.h"
+#include "daemon/scan_lasers.h"
 #include "daemon/scan_preparation.h"
 
 namespace celadon {
@@ -13,13 +14,14 @@ namespace {
 /// The laser is off: no picture may show its line.
 tl::expected<void, ScanStop> look_for_light(const ScanEquipment& equipment, ScanObserver& observer) {
   const int laser = equipment.calibration.lasers.front().laser;
-  const Triangulator triangulator(equipment.calibration, laser, equipment.volume);
+  const Triangulator triangulator(equipment.calibration, laser, equipment.volume,
+                                  along_of(laser, equipment.calibration));
   auto feed = FrameFeed::start(equipment, observer, triangulator, laser);
   if (!feed) return tl::make_unexpected(feed.error());
   if (auto off = (*feed)->laser_off(); !off) return off;
   auto picture = dark_background(**feed, equipment.clock);
   if (!picture) return tl::make_unexpected(picture.error());
-  if (const auto light = light_in_background(equipment.camera.mode(), *picture))
+  if (const auto light = light_in_background(equipment.camera.mode(), *picture, triangulator.along()))
     return tl::make_unexpected(ScanStop{ScanState::failed, *light});
   return {};
 }

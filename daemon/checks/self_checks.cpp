@@ -166,9 +166,16 @@ void add_harmonics(std::vector<SelfCheck>& checks, const RangeFit& piece, double
                     {}});
 }
 
-SelfCheck steadiness(const RangeFit& piece, double systematic_mm) {
+/// @param laser_scatter_mm  by which profiles of two lasers differ
+SelfCheck steadiness(const RangeFit& piece, double laser_scatter_mm, double systematic_mm) {
+  constexpr double kMostSeen = 0.95;
   const auto around = errors_around(piece.geometric_errors);
   if (!around) return unknown("steadiness", "mm", "the samples do not go all around");
+  if (piece.report.coverage < kMostSeen) {
+    return unknown(
+        "steadiness", "mm",
+        "too much of the surface was hidden: beside holes it follows no samples, and its errors are its own");
+  }
   // Correlation along the line only: what profiles have in common is what is looked for.
   const double kappa = piece.errors ? piece.errors->inflation.within : piece.report.kappa;
   const double per_field = static_cast<double>(samples_of(piece.report)) / ErrorMap::kAround;
@@ -178,8 +185,9 @@ SelfCheck steadiness(const RangeFit& piece, double systematic_mm) {
                             ? piece.report.noise_mm *
                                   std::sqrt(std::max(0., piece.errors->inflation.common) / piece.errors->inflation.rows)
                             : 0;
+  const double found = std::max(rms_beyond_harmonics(*around), jitter), of_lasers = laser_scatter_mm / 2;
   const double u = expected / std::sqrt(2. * ErrorMap::kAround),
-               value = std::max(rms_beyond_harmonics(*around), jitter);
+               value = std::sqrt(std::max(0., found * found - of_lasers * of_lasers));
   return judged(
       "steadiness", "mm", value, u, std::hypot(kSigmas * u + expected, kCoverage * systematic_mm),
       "what the samples of a profile, or of fields of 2 degrees, have in common and the surface does not, root "
@@ -225,7 +233,7 @@ std::vector<SelfCheck> self_checks(const CheckedScan& scan) {
       closure_scatter(scan.closure, scan.overlap, scan.fit.whole().noise_mm, scan.fit.whole().kappa),
       turn(scan.overlap, scan.calibration.encoder_scale)};
   add_harmonics(checks, piece, systematic_mm);
-  checks.push_back(steadiness(piece, systematic_mm));
+  checks.push_back(steadiness(piece, scan.laser_scatter_mm, systematic_mm));
   if (scan.laser_difference_mm) {
     checks.push_back(judged(
         "laser_agreement", "mm", scan.laser_difference_mm->value, scan.laser_difference_mm->u,

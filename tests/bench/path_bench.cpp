@@ -83,7 +83,7 @@ class DrawnCamera final : public FrameSource, public FrameReturn {
     info.stamp_ns = shot->stamp_us * 1000 + testing::FakeMachine::kHostOffset_ns;
     info.exposure_ns = mode_.exposure_ns;
     info.lost_before = shot->lost_before;
-    return Frame(this, 0, frames_.frame(shot->lit ? 1 + static_cast<int>(shot->sequence % kDrawn) : 0), info);
+    return Frame(this, 0, frames_.frame(shot->lasers != 0 ? 1 + static_cast<int>(shot->sequence % kDrawn) : 0), info);
   }
   tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t) override { return mode_.exposure_ns; }
   void give_back(std::uint32_t) noexcept override {}

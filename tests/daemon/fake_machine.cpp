@@ -1,4 +1,5 @@
 #include "tests/daemon/fake_machine.h"
+#include "tests/acquisition/turned_camera.h"
 
 #include <algorithm>
 #include <cmath>
@@ -69,7 +70,8 @@ class FakeCamera final : public FrameSource, public FrameReturn {
   explicit FakeCamera(FakeMachine& machine) : machine_(machine), pixels_(FakeMachine::kWidth * FakeMachine::kHeight) {
     mode_.width_px = FakeMachine::kWidth;
     mode_.height_px = FakeMachine::kHeight;
-    mode_.stride_bytes = FakeMachine::kWidth;
+    if (machine.camera_on_side) std::swap(mode_.width_px, mode_.height_px);
+    mode_.stride_bytes = static_cast<std::size_t>(mode_.width_px);
     mode_.frame_period_ns = FakeMachine::kPeriod_us * 1000;
     mode_.exposure_ns = FakeMachine::kExposure_us * 1000;
     mode_.identity = kCameraName;
@@ -88,6 +90,7 @@ class FakeCamera final : public FrameSource, public FrameReturn {
     const auto shot = machine_.take_shot(timeout_ns / 1000);
     if (!shot) return tl::make_unexpected(CameraError{CameraError::Kind::timed_out, 0, "no frame in time"});
     machine_.draw(*shot, pixels_.data());
+    if (machine_.camera_on_side) pixels_ = turned(pixels_, FakeMachine::kWidth, FakeMachine::kHeight);
     FrameInfo info;
     info.sequence = shot->sequence;
     info.stamp_ns = (shot->stamp_us + machine_.stamp_step_us) * 1000 + FakeMachine::kHostOffset_ns;
@@ -184,7 +187,7 @@ Calibration FakeMachine::calibration(int lasers) const {
   c.axis.X_CW.translation() << 0, kHeight_mm, kDistance_mm;
   c.systematic_mm = 0.01;
   c.time = {exact(0), exact(-0.5), exact(0)};
-  return c;
+  return camera_on_side ? turned(c) : c;
 }
 
 tl::expected<ScannerConnection, ConnectError> FakeMachine::connect(const Calibration& calibration) {
@@ -195,7 +198,8 @@ tl::expected<ScannerConnection, ConnectError> FakeMachine::connect(const Calibra
   if (!device) return tl::make_unexpected(ConnectError{device.error().message(), false});
   connection.device = std::move(*device);
   connection.camera = std::make_unique<FakeCamera>(*this);
-  auto checked = check_calibration(calibration, connection.device->identity().machine, kCameraName, kWidth, kHeight);
+  auto checked = check_calibration(calibration, connection.device->identity().machine, kCameraName,
+                                   connection.camera->mode().width_px, connection.camera->mode().height_px);
   if (!checked) return tl::make_unexpected(ConnectError{checked.error().message, true});
   return connection;
 }

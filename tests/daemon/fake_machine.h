@@ -47,6 +47,7 @@ class FakeMachine {
   std::atomic<std::int64_t> stamp_step_us = 0;
   std::atomic<std::int64_t> late_us = 0;  ///< every second frame is exposed so much later, or every one
   std::atomic<bool> all_late = false;
+  bool camera_on_side = false;  ///< turned about its optical axis, before anything else is asked of the machine
   std::atomic<bool> laser_hidden = false;  ///< the first shines always, and the controller does not see it
 
   /// @param lasers  that are calibrated: the first stands to the right of the camera, the second to its left

@@ -124,6 +124,7 @@ RangeFit round_fit() {
   fit.report.points = 500'000;
   fit.report.noise_mm = 0.02;
   fit.report.kappa = 4;
+  fit.report.coverage = 1;
   fit.geometric_errors = ErrorMap(base);
   return fit;
 }
@@ -230,6 +231,20 @@ TEST(SelfChecks, LasersAreJudgedWhereTheyWereCompared) {
   EXPECT_EQ(named(checked(fit, overlap, 0.005, Measured{0.004, 0.001}), "laser_agreement").verdict,
             CheckVerdict::passed);
   EXPECT_EQ(named(checked(fit, overlap, 0.005, Measured{0.1, 0.001}), "laser_agreement").verdict, CheckVerdict::failed);
+}
+
+// What lasers differ by is told by their own check; beside holes the surface errs by itself.
+TEST(SelfChecks, LasersAndHolesAreNoShaking) {
+  RangeFit fit = round_fit();
+  miss(fit, [](double theta) { return std::fmod(theta, 0.2) < 0.1 ? 0.05 : -0.05; });
+  const OverlapResult overlap = compared(round_body, {});
+  EXPECT_EQ(named(checked(fit, overlap), "steadiness").verdict, CheckVerdict::failed);
+  const auto two = self_checks(
+      {BodyFit{fit}, calibrated(0.005), overlap, ClosureError{0.001, 0.026, 20'000}, Measured{0.1, 0.001}, 0.1});
+  EXPECT_EQ(named(two, "steadiness").verdict, CheckVerdict::passed);
+  EXPECT_EQ(named(two, "laser_agreement").verdict, CheckVerdict::failed);
+  fit.report.coverage = 0.9;
+  EXPECT_EQ(named(checked(fit, overlap), "steadiness").verdict, CheckVerdict::not_verifiable);
 }
 
 TEST(SelfChecks, JsonComesBack) {

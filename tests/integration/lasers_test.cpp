@@ -23,12 +23,13 @@ struct LaserScan {
   std::string printed;
 };
 
-LaserScan scan_by(const Station& station, const std::string& lasers, const std::string& profiles) {
+/// @param exit_code  1 where a check of the scan is to fail
+LaserScan scan_by(const Station& station, const std::string& lasers, const std::string& profiles, int exit_code = 0) {
   const std::filesystem::path out = station.folder / ("by-" + lasers);
   const auto outcome = run({"celadon", "scan", "--server", station.server(), "--lasers", lasers, "--profiles", profiles,
                             "--formats", "surface.json", "-o", out});
-  EXPECT_EQ(outcome.exit_code, 0) << outcome.err;
-  if (outcome.exit_code != 0) return {};
+  EXPECT_EQ(outcome.exit_code, exit_code) << outcome.err;
+  if (outcome.exit_code != exit_code) return {};
   return {json::parse(read_file(out / "report.json")), outcome.out};
 }
 
@@ -117,11 +118,14 @@ TEST(Lasers, APlaneThatLeftItsCalibrationIsNamed) {
   text.replace(at, end - at, std::to_string(std::stod(text.substr(at, end - at)) + 0.1));
   station.folder.write("calibration.toml", text);
   station.start_daemon();
-  const LaserScan scan = scan_by(station, "all", "240");
+  const LaserScan scan = scan_by(station, "all", "240", 1);
   ASSERT_FALSE(scan.report.is_null());
   EXPECT_NEAR(std::abs(scan.report["agreement_mm"]["bias"].get<double>()), 0.15, 0.02);
   EXPECT_TRUE(warns_of(scan.report, "the plane of laser 0 or 1 is no longer where it was calibrated"))
       << scan.report["warnings"];
+  for (const auto& check : scan.report["checks"]) {
+    EXPECT_EQ(check["verdict"] == "failed", check["name"] == "laser_agreement") << check;
+  }
   EXPECT_NE(scan.printed.find("agreement   laser 1 minus laser 0: 0.15"), std::string::npos) << scan.printed;
 }
 
