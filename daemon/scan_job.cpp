@@ -277,13 +277,9 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     if (!fit) return fit;
     warnings = fit->whole().warnings;
     std::optional<Measured> laser_difference_mm;
-    double laser_scatter_mm = 0;
-    if (const auto& e = notes.agreement_mm) {
-      laser_difference_mm = Measured{e->bias, e->bias_sd};
-      laser_scatter_mm = std::sqrt(std::max(0., e->rms * e->rms - e->noise * e->noise));
-    }
-    notes.checks = self_checks({*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm,
-                                laser_difference_mm, laser_scatter_mm});
+    if (const auto& e = notes.agreement_mm) laser_difference_mm = Measured{e->bias, e->bias_sd};
+    notes.checks = self_checks(
+        {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, laser_difference_mm});
     notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);
     return fit;
   };

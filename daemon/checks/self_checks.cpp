@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <map>
 #include <numbers>
+#include <optional>
 #include <utility>
 #include <variant>
 
@@ -166,8 +167,7 @@ void add_harmonics(std::vector<SelfCheck>& checks, const RangeFit& piece, double
                     {}});
 }
 
-/// @param laser_scatter_mm  by which profiles of two lasers differ
-SelfCheck steadiness(const RangeFit& piece, double laser_scatter_mm, double systematic_mm) {
+SelfCheck steadiness(const RangeFit& piece, bool lasers_differ, double systematic_mm) {
   constexpr double kMostSeen = 0.95;
   const auto around = errors_around(piece.geometric_errors);
   if (!around) return unknown("steadiness", "mm", "the samples do not go all around");
@@ -176,6 +176,14 @@ SelfCheck steadiness(const RangeFit& piece, double laser_scatter_mm, double syst
         "steadiness", "mm",
         "too much of the surface was hidden: beside holes it follows no samples, and its errors are its own");
   }
+  const bool freeform =
+      piece.report.model == SurfaceModel::general || piece.report.model == SurfaceModel::translational;
+  if (freeform && piece.report.stopped_by.starts_with("the finest intervals")) {
+    return unknown(
+        "steadiness", "mm",
+        "the surface's intervals are as fine as they get: edges that it cannot follow would look like shaking");
+  }
+  if (lasers_differ) return unknown("steadiness", "mm", "the lasers differ, which would look like shaking");
   // Correlation along the line only: what profiles have in common is what is looked for.
   const double kappa = piece.errors ? piece.errors->inflation.within : piece.report.kappa;
   const double per_field = static_cast<double>(samples_of(piece.report)) / ErrorMap::kAround;
@@ -185,15 +193,27 @@ SelfCheck steadiness(const RangeFit& piece, double laser_scatter_mm, double syst
                             ? piece.report.noise_mm *
                                   std::sqrt(std::max(0., piece.errors->inflation.common) / piece.errors->inflation.rows)
                             : 0;
-  const double found = std::max(rms_beyond_harmonics(*around), jitter), of_lasers = laser_scatter_mm / 2;
   const double u = expected / std::sqrt(2. * ErrorMap::kAround),
-               value = std::sqrt(std::max(0., found * found - of_lasers * of_lasers));
+               value = std::max(rms_beyond_harmonics(*around), jitter);
   return judged(
       "steadiness", "mm", value, u, std::hypot(kSigmas * u + expected, kCoverage * systematic_mm),
       "what the samples of a profile, or of fields of 2 degrees, have in common and the surface does not, root "
       "mean square",
       "the object rocks, or camera, laser or table shake while the table turns",
       "fasten the object, keep the machine away from what shakes it, scan slower or in steps");
+}
+
+/// Nothing where there is one laser.
+std::optional<SelfCheck> laser_agreement(const CheckedScan& scan) {
+  if (scan.laser_difference_mm) {
+    const Measured& difference = *scan.laser_difference_mm;
+    return judged(
+        "laser_agreement", "mm", difference.value, difference.u, limit_of(difference.u, scan.calibration.systematic_mm),
+        "mean difference along r of what two lasers see",
+        "the planes of the lasers were calibrated apart, or one of them was moved", "run celadon calibrate again");
+  }
+  if (scan.calibration.lasers.size() < 2) return std::nullopt;
+  return unknown("laser_agreement", "mm", "this scan did not compare its lasers");
 }
 
 }  // namespace
@@ -233,15 +253,9 @@ std::vector<SelfCheck> self_checks(const CheckedScan& scan) {
       closure_scatter(scan.closure, scan.overlap, scan.fit.whole().noise_mm, scan.fit.whole().kappa),
       turn(scan.overlap, scan.calibration.encoder_scale)};
   add_harmonics(checks, piece, systematic_mm);
-  checks.push_back(steadiness(piece, scan.laser_scatter_mm, systematic_mm));
-  if (scan.laser_difference_mm) {
-    checks.push_back(judged(
-        "laser_agreement", "mm", scan.laser_difference_mm->value, scan.laser_difference_mm->u,
-        limit_of(scan.laser_difference_mm->u, systematic_mm), "mean difference along r of what two lasers see",
-        "the planes of the lasers were calibrated apart, or one of them was moved", "run celadon calibrate again"));
-  } else if (scan.calibration.lasers.size() > 1) {
-    checks.push_back(unknown("laser_agreement", "mm", "this scan did not compare its lasers"));
-  }
+  const auto lasers = laser_agreement(scan);
+  checks.push_back(steadiness(piece, lasers && lasers->verdict == CheckVerdict::failed, systematic_mm));
+  if (lasers) checks.push_back(*lasers);
   return checks;
 }
 

@@ -21,7 +21,6 @@ struct CheckedScan {
   std::optional<ClosureError> closure;  ///< as the capture compared it
   /// By how much two lasers see the same places apart, along r; nullopt: not measured.
   std::optional<Measured> laser_difference_mm{};
-  double laser_scatter_mm = 0;  ///< root mean square of that over the object, beyond noise
 };
 
 /// Closure, angle of a turn, harmonics, steadiness, and agreement of lasers, in this order. Limits are four standard

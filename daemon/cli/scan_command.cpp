@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <string_view>
 
 #include <CLI/CLI.hpp>
 
@@ -46,7 +48,10 @@ json request_of(const ScanArguments& a) {
   if (const auto lasers = lasers_of(a); !lasers.empty()) request["lasers"] = lasers;
   if (a.exposure_ms > 0) request["exposure_ms"] = a.exposure_ms;
   if (!a.name.empty()) request["name"] = a.name;
-  if (a.name.empty() && !a.scene.empty()) request["name"] = a.scene;
+  constexpr std::string_view kMesh = "mesh:";
+  if (a.name.empty() && !a.scene.empty())
+    request["name"] =
+        a.scene.starts_with(kMesh) ? std::filesystem::path(a.scene.substr(kMesh.size())).stem().string() : a.scene;
   if (a.form_tolerance_mm >= 0) request["form_tolerance_mm"] = a.form_tolerance_mm;
   if (!a.formats.empty()) request["formats"] = a.formats;
   return request;

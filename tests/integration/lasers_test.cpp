@@ -28,7 +28,8 @@ LaserScan scan_by(const Station& station, const std::string& lasers, const std::
   const std::filesystem::path out = station.folder / ("by-" + lasers);
   const auto outcome = run({"celadon", "scan", "--server", station.server(), "--lasers", lasers, "--profiles", profiles,
                             "--formats", "surface.json", "-o", out});
-  EXPECT_EQ(outcome.exit_code, exit_code) << outcome.err;
+  EXPECT_EQ(outcome.exit_code, exit_code)
+      << outcome.err << (outcome.exit_code == 1 ? read_file(out / "report.json") : "");
   if (outcome.exit_code != exit_code) return {};
   return {json::parse(read_file(out / "report.json")), outcome.out};
 }
