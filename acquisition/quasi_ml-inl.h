@@ -15,7 +15,9 @@ namespace celadon::line_kernels {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-using DF = hn::CappedTag<float, kBlockRows>;
+/// At most 256 bits: a core that meets longer vectors once a frame wakes their upper halves each time, which costs half
+/// of what the frame takes.
+using DF = hn::CappedTag<float, 8>;
 using DI = hn::RebindToSigned<DF>;
 using DH = hn::Rebind<std::int16_t, DF>;             ///< as many 16-bit lanes as DF has
 using DW = hn::CappedTag<std::int16_t, kBlockRows>;  ///< as many rows as fit a vector
