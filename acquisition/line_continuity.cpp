@@ -8,10 +8,11 @@
 namespace celadon {
 namespace {
 
-constexpr int kEvidenceRows = 6;        ///< fewer are no evidence
-constexpr int kBridgedRows = 32;        ///< a strand goes on beyond a shorter one
-constexpr int kYoungGapRows = 4;        ///< ends a strand that has only begun
-constexpr std::size_t kReachRows = 64;  ///< before the first row with two peaks and after the last: enough for evidence
+constexpr int kEvidenceRows = 6;  ///< fewer are no evidence
+constexpr int kBridgedRows = 32;  ///< a strand goes on beyond a shorter one
+constexpr int kYoungGapRows = 4;  ///< ends a strand that has only begun
+constexpr std::size_t kEvidenceReachRows =
+    64;  ///< before the first row with two peaks and after the last: enough for evidence
 /// Coarse peaks are even pixels, moved by noise and speckle. Two peaks of a row are 28 px apart at least.
 constexpr float kGate_px = 6, kWidestGate_px = 14;
 constexpr float kGateGrowth_px = 0.25f;  ///< a row of gap
@@ -215,9 +216,9 @@ void choose_peaks(std::span<const PeakPair> peaks, std::span<const LineRow> rows
   if (std::count_if(first_pair, peaks.end(), is_pair) < kEvidenceRows) return;
   const auto last_pair = std::find_if(peaks.rbegin(), peaks.rend(), is_pair).base();
   const auto before = static_cast<std::size_t>(first_pair - peaks.begin());
-  const std::size_t begin = before - std::min(before, kReachRows);
+  const std::size_t begin = before - std::min(before, kEvidenceReachRows);
   const std::size_t count =
-      std::min(static_cast<std::size_t>(last_pair - peaks.begin()) + kReachRows, peaks.size()) - begin;
+      std::min(static_cast<std::size_t>(last_pair - peaks.begin()) + kEvidenceReachRows, peaks.size()) - begin;
   peaks = peaks.subspan(begin, count);
   rows = rows.subspan(begin, count);
   if (!previous.empty()) previous = previous.subspan(begin, count);
