@@ -71,8 +71,9 @@ std::optional<LaserAgreement::Difference> LaserAgreement::difference(const std::
   d.mm = q.r / q.n - p.r / p.n - slope.dot(apart);
   d.scatter_mm2 = std::max(square_r - slope.dot(with_r), 0.) / (p.n + q.n - 4);
   d.variance_mm2 = d.scatter_mm2 * (inverse_n + apart.dot(inverse * apart));
-  d.theta_rad = (static_cast<double>(cell / kAlong) + 0.5) / around_ * kTurn_rad;
-  d.height = (static_cast<double>(cell % kAlong) + 0.5) / along_ * 2 - 1;
+  const std::size_t around = cell / kAlong, along = cell % kAlong;
+  d.theta_rad = (static_cast<double>(around) + 0.5) / around_ * kTurn_rad;
+  d.height = (static_cast<double>(along) + 0.5) / along_ * 2 - 1;
   return d;
 }
 

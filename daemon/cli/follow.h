@@ -18,8 +18,8 @@ void catch_interrupts();
 bool interrupted();
 
 /// Follows a scan until it is finished, downloads its files and prints the summary of its report. A first Ctrl-C
-/// cancels the scan (laser off, motor stopped) and waits for that. @returns the exit code; 1 too for a scan that is done
-/// and whose self-checks did not all pass or stay open
+/// cancels the scan (laser off, motor stopped) and waits for that. @returns the exit code; 1 too for a scan that is
+/// done and whose self-checks did not all pass or stay open
 int follow_scan(HttpClient& client, std::uint64_t id, const FollowOptions& options);
 
 /// Creates the folder if needed; 0 or the exit code after saying why not.

@@ -186,7 +186,7 @@ std::string summary_of(const json& report) {
   }
   if (report.contains("dimensions")) {
     for (const auto& d : report["dimensions"]) {
-      text += line("  size        %s %.4f mm, known to %.4f mm (k = 2)", d["name"].get<std::string>().c_str(),
+      text += line("  %-11s %.4f mm, known to %.4f mm (k = 2)", d["name"].get<std::string>().c_str(),
                    d["value"].get<double>(), 2 * d["standard_uncertainty"].get<double>());
     }
   }

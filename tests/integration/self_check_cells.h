@@ -27,7 +27,8 @@ struct CheckedCell {
   std::string out, err;
   /// "passed", "failed", "not verifiable"; "-": there is no such check.
   std::string verdict(const std::string& check) const;
-  /// Names of those of a verdict, in their order, with blanks between; the eccentricity, which is never verified, apart.
+  /// Names of those of a verdict, in their order, with blanks between; the eccentricity, which is never verified,
+  /// apart.
   std::string names_of(const std::string& verdict) const;
 };
 
