@@ -31,6 +31,13 @@ ScanRequest quick_request() {
   return request;
 }
 
+/// For what is to happen in the middle of a scan, however late the test's own thread gets to it.
+ScanRequest long_request() {
+  ScanRequest request = quick_request();
+  request.profiles = 3000;
+  return request;
+}
+
 constexpr std::chrono::milliseconds kPollPeriod{1};
 
 /// A queue on a fake machine, and what it told its listener.
@@ -223,7 +230,7 @@ TEST(ScanQueue, CancelEndsARunningScanAndAWaitingOne) {
   FakeMachine machine;
   Bench bench(machine);
   ASSERT_TRUE(bench.queue->start());
-  ASSERT_TRUE(bench.queue->submit(quick_request(), "api"));
+  ASSERT_TRUE(bench.queue->submit(long_request(), "api"));
   bench.wait_for(ScanState::scanning, 3);
   const auto waiting = bench.queue->submit(quick_request(), "api");
   ASSERT_TRUE(waiting);
@@ -259,7 +266,7 @@ TEST(ScanQueue, EveryFaultInAScanLeavesTheLaserOffAndASentence) {
     FakeMachine machine;
     Bench bench(machine);
     ASSERT_TRUE(bench.queue->start());
-    ASSERT_TRUE(bench.queue->submit(quick_request(), "api"));
+    ASSERT_TRUE(bench.queue->submit(long_request(), "api"));
     bench.wait_for(ScanState::scanning, 3);
     c.harm(machine);
     const ScanRecord record = bench.wait_for_end();
@@ -321,7 +328,7 @@ TEST(ScanQueue, ALostMachineComesBackForTheNextScan) {
   FakeMachine machine;
   Bench bench(machine);
   ASSERT_TRUE(bench.queue->start());
-  ASSERT_TRUE(bench.queue->submit(quick_request(), "api"));
+  ASSERT_TRUE(bench.queue->submit(long_request(), "api"));
   bench.wait_for(ScanState::scanning, 3);
   machine.link_down = true;
   EXPECT_EQ(bench.wait_for_end().state, ScanState::failed);
@@ -349,7 +356,7 @@ TEST(ScanQueue, StoppingCancelsAndTheNextDaemonKnowsEveryScan) {
   FakeMachine machine;
   Bench bench(machine);
   ASSERT_TRUE(bench.queue->start());
-  ASSERT_TRUE(bench.queue->submit(quick_request(), "api"));
+  ASSERT_TRUE(bench.queue->submit(long_request(), "api"));
   ASSERT_TRUE(bench.queue->submit(quick_request(), "api"));
   bench.wait_for(ScanState::scanning, 3);
   bench.queue->stop();
@@ -372,7 +379,7 @@ TEST(ScanQueue, APressThatUnlocksTheMachineDoesNotScan) {
   FakeMachine machine;
   Bench bench(machine);
   ASSERT_TRUE(bench.queue->start());
-  ASSERT_TRUE(bench.queue->submit(quick_request(), "api"));
+  ASSERT_TRUE(bench.queue->submit(long_request(), "api"));
   bench.wait_for(ScanState::scanning, 3);
   machine.with_plant([](auto& p) { p.emergency_stop = true; });
   EXPECT_EQ(bench.wait_for_end().state, ScanState::failed);
