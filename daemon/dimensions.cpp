@@ -8,6 +8,7 @@
 #include <optional>
 #include <utility>
 
+#include "daemon/shape_least_squares.h"
 #include "fitting/robust_least_squares.h"
 #include "fitting/round_shapes.h"
 
@@ -15,21 +16,9 @@ namespace celadon {
 namespace {
 
 constexpr double kRounding_mm = 1e-9;
+constexpr const char* kUndetermined =
+    "the points do not determine the shape: they show too small a part of it; scan more of its turn and height";
 constexpr const char* kConeAngle = "cone angle";
-
-/// Plain weighted least squares from a state nearby: smooth in the points, as differences need it.
-template <class Shape>
-Shape refitted(Shape shape, const Eigen::Matrix3Xd& points, const Eigen::VectorXd& weights) {
-  constexpr int kSteps = 4;
-  Eigen::VectorXd residuals(points.cols());
-  Eigen::MatrixXd J(points.cols(), shape.unknowns());
-  for (int step = 0; step < kSteps; ++step) {
-    shape.residuals(points, residuals, &J);
-    const Eigen::MatrixXd A = J.transpose() * weights.asDiagonal() * J;
-    shape = shape.moved(-A.ldlt().solve(J.transpose() * weights.cwiseProduct(residuals)));
-  }
-  return shape;
-}
 
 /// Number of the profile of each point.
 std::vector<int> profiles_of(const ScannedPoints& points) {
@@ -63,15 +52,14 @@ tl::expected<Dimensions, std::string> measure(Shape shape, const std::vector<std
   const Eigen::VectorXd ones = Eigen::VectorXd::Ones(p.cols());
   const RobustSolution found = fit_robustly(shape, p, ones, kRounding_mm);
   if (!found.converged || found.covariance.size() == 0) {
-    return tl::unexpected(std::string(
-        "the points do not determine the shape: they show too small a part of it; scan more of its turn and height"));
+    return tl::unexpected(std::string(kUndetermined));
   }
   Eigen::VectorXd residuals(p.cols()), weights(p.cols());
   shape.residuals(p, residuals, nullptr);
   for (Eigen::Index i = 0; i < p.cols(); ++i) {
     weights[i] = tukey_weight(residuals[i], std::max(found.scale, kRounding_mm)) > 0 ? 1 : 0;
   }
-  shape = refitted(shape, p, weights);
+  if (!least_squares(shape, p, weights, residuals)) return tl::unexpected(std::string(kUndetermined));
   Eigen::MatrixXd J(p.cols(), shape.unknowns());
   shape.residuals(p, residuals, &J);
 
@@ -87,7 +75,13 @@ tl::expected<Dimensions, std::string> measure(Shape shape, const std::vector<std
   }
   const Eigen::MatrixXd scatter = by * scatter_covariance(J, weights, residuals, profile, profiles) * by.transpose();
   const Eigen::MatrixXd of_calibration = calibration_covariance_of(
-      [&](const Eigen::Matrix3Xd& moved) { return values_of(refitted(shape, moved, weights)); }, points, calibration);
+      [&](const Eigen::Matrix3Xd& moved) {
+        Shape follows = shape;
+        Eigen::VectorXd left;
+        least_squares(follows, moved, weights, left);
+        return values_of(follows);
+      },
+      points, calibration);
 
   Dimensions out;
   for (Eigen::Index i = 0; i < values.size(); ++i) {

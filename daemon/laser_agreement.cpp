@@ -16,7 +16,6 @@ constexpr double kFewestSamples = 8;   // of each laser in a cell
 constexpr double kLeastSpread = 0.01;  // variance in widths of a cell, of which even samples have 1/12
 constexpr std::size_t kFewestCells = 16;
 constexpr double kMostScatter = 3;  // of the samples in a cell, times the median cell's: steps, edges, steep walls
-constexpr double kSigmas = 3;
 
 }  // namespace
 
@@ -131,38 +130,21 @@ std::optional<AgreementError> LaserAgreement::result() const {
   return worst;
 }
 
-std::optional<std::string> agreement_warning(const std::optional<AgreementError>& agreement, double systematic_mm) {
-  if (!agreement) return std::nullopt;
-  const AgreementError& e = *agreement;
-  const double calibration_mm = std::sqrt(2.) * systematic_mm;
-  const double bias_u = std::hypot(e.bias_sd, calibration_mm), rms_u = std::hypot(e.noise, calibration_mm);
-  if (std::abs(e.bias) <= kSigmas * bias_u && e.rms <= kSigmas * rms_u) return std::nullopt;
-  char cause[240];
-  const std::string lasers = std::to_string(e.first) + " or " + std::to_string(e.second);
+AgreementCause cause_of(const AgreementError& e) {
   // A shift s of the object changes r by s cos(theta): s / sqrt(2) RMS; a tilt t over -1 .. 1 by t / sqrt(3).
   const double plane = std::hypot(e.bias, e.tilt / std::sqrt(3.)), shift = e.shift / std::sqrt(2.);
+  char text[120];
   if (shift > plane && shift > 0.5 * e.rms) {
-    std::snprintf(cause, sizeof cause,
-                  "the object moved between the two turns, by about %.3f mm; check that it stands firmly, and scan "
-                  "again.",
-                  e.shift);
-  } else if (plane >= shift && plane > 0.5 * e.rms) {
-    std::snprintf(cause, sizeof cause,
-                  "the plane of laser %s is no longer where it was calibrated; check the mounts of lasers and camera, "
-                  "then calibrate the machine again.",
-                  lasers.c_str());
-  } else {
-    std::snprintf(cause, sizeof cause,
-                  "gloss, light from below the surface or stray light, which each laser meets at another angle; dull "
-                  "the surface, or scan with one laser.");
+    std::snprintf(text, sizeof text, "the object moved between the two turns, by about %.3f mm", e.shift);
+    return {text, "check that it stands firmly, and scan again"};
   }
-  char text[480];
-  std::snprintf(text, sizeof text,
-                "Lasers %d and %d measure the same places differently: by %.4f mm on average (standard uncertainty "
-                "%.4f mm), %.4f mm RMS in %zu cells, of which noise and calibration explain %.4f mm. The likely cause: "
-                "%s",
-                e.first, e.second, e.bias, bias_u, e.rms, static_cast<std::size_t>(e.cells), rms_u, cause);
-  return text;
+  if (plane >= shift && plane > 0.5 * e.rms) {
+    std::snprintf(text, sizeof text, "the plane of laser %d or %d is no longer where it was calibrated", e.first,
+                  e.second);
+    return {text, "check the mounts of lasers and camera, then calibrate the machine again"};
+  }
+  return {"gloss, light from below the surface or stray light, which each laser meets at another angle",
+          "dull the surface, or scan with one laser"};
 }
 
 }  // namespace celadon

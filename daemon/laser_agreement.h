@@ -51,9 +51,10 @@ class LaserAgreement {
   std::map<int, std::vector<Cell>> cells_;  ///< by laser, heights inside; empty with one laser
 };
 
-/// What neither the noise nor the calibration's uncertainty explains, with the suspected cause and the remedy: a mean
-/// difference or an RMS of more than three times its standard uncertainty.
-/// @param systematic_mm  standard uncertainty of a radius by the calibration, of each laser
-std::optional<std::string> agreement_warning(const std::optional<AgreementError>& agreement, double systematic_mm);
+/// What lasers that differ are suspected of, by how the difference lies over the object, and what to do.
+struct AgreementCause {
+  std::string cause, remedy;
+};
+AgreementCause cause_of(const AgreementError& agreement);
 
 }  // namespace celadon

@@ -268,18 +268,14 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     functions.push_back(&piece.function);
     surfaces.push_back({piece.function, piece.surface});
   }
-  if (auto warning = agreement_warning(notes.agreement_mm, equipment.calibration.systematic_mm))
-    notes.warnings.push_back(*warning);
   notes.truth_mm = truth_error(functions, truth);
   std::vector<std::string> warnings;
   const auto measured = [&] {
     auto fit = body->measured.get();
     if (!fit) return fit;
     warnings = fit->whole().warnings;
-    std::optional<Measured> laser_difference_mm;
-    if (const auto& e = notes.agreement_mm) laser_difference_mm = Measured{e->bias, e->bias_sd};
     notes.checks = self_checks(
-        {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, laser_difference_mm});
+        {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, notes.agreement_mm});
     notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);
     return fit;
   };

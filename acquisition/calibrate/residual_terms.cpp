@@ -101,7 +101,7 @@ int part_of_picture(const Eigen::Vector2d& p_px) {
   constexpr double kPart_px = 160;
   return static_cast<int>(std::lround(p_px.x() / kPart_px)) * 1000 + static_cast<int>(std::lround(p_px.y() / kPart_px));
 }
-/// A ray of a laser's fan: in the picture of the fan, where it is.
+/// A part of a laser's fan, by where its line stands in the picture.
 int place_on_sheet(int laser, const Eigen::Vector2d& p_px) {
   return (laser + 1) * kKind + part_of_picture(p_px);
 }

@@ -11,7 +11,7 @@ Eigen::MatrixXd with_shared_errors(const Eigen::MatrixXd& covariance, double inf
   // Largest eigenvalue that a scatter of G independent groups in P directions has by chance is (1 + sqrt(P / G))^2 for
   // groups of one size (Marchenko and Pastur 1967); these differ in size.
   constexpr double kUneven = 1.5;
-  constexpr double kMostLeverage = 0.7;
+  constexpr double kMostLeverage = 0.7;  // a group that alone tells a number predicts itself badly without it
   const Eigen::Index P = covariance.rows();
   const Eigen::VectorXd unit = covariance.diagonal().cwiseMax(0).cwiseSqrt();
   const Eigen::VectorXd inverse_unit = (unit.array() > 0).select(unit.cwiseInverse(), 0.0);

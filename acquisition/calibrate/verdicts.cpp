@@ -220,9 +220,10 @@ CalibrationStep judge_axis(const Observations& observations, const Estimate& est
                   uncertainty.axis_from_plane(i, Uncertainty::Scale::known), " mm", 0.03, 0.15, wider);
   }
   if (!estimate.planes.empty()) {
+    judge.at_most("a radius within the volume is known to", uncertainty.radius(Uncertainty::Scale::known), " mm", 0.05,
+                  0.2, wider);
     judge.say(Verdict::good,
-              "a radius within the volume is known to " + figure(uncertainty.radius(Uncertainty::Scale::known)) +
-                  " mm, with the scale's part to " + figure(uncertainty.radius(Uncertainty::Scale::included)) + " mm");
+              "with the scale's part to " + figure(uncertainty.radius(Uncertainty::Scale::included)) + " mm");
   }
   return judge.step();
 }

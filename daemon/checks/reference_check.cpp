@@ -1,6 +1,5 @@
 #include "daemon/checks/reference_check.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -11,6 +10,7 @@
 
 #include "daemon/checks/self_check.h"
 #include "daemon/json_field.h"
+#include "daemon/shape_least_squares.h"
 #include "fitting/round_shapes.h"
 
 namespace celadon {
@@ -39,22 +39,6 @@ Eigen::Matrix3Xd points_of(const RangeFunction& surface) {
     }
   }
   return points;
-}
-
-/// Least squares of distances, from a start that is near. @returns whether it settled
-template <class Shape>
-bool refine(Shape& shape, const Eigen::Matrix3Xd& points, Eigen::VectorXd& residuals) {
-  residuals.resize(points.cols());
-  Eigen::MatrixXd jacobian(points.cols(), shape.unknowns());
-  for (int round = 0; round < 20; ++round) {
-    shape.residuals(points, residuals, &jacobian);
-    const Eigen::VectorXd step = jacobian.colPivHouseholderQr().solve(-residuals);
-    if (!step.allFinite()) return false;
-    shape = shape.moved(step);
-    if (step.cwiseAbs().maxCoeff() < 1e-10) break;
-  }
-  shape.residuals(points, residuals, nullptr);
-  return residuals.allFinite();
 }
 
 template <class... Values>
@@ -126,12 +110,12 @@ tl::expected<RoundMeasurement, std::string> measure_round(const SurfaceFile& fil
   bool settled = false;
   if (sphere) {
     Sphere best = sphere_through(points, weights);
-    settled = refine(best, points, residuals);
+    settled = least_squares(best, points, weights, residuals);
     radius = best.radius_mm;
   } else {
     Cone best = cylinder_through(points, weights, piece->function.base().X_WB.linear().col(2));
     best.cylinder = true;
-    settled = refine(best, points, residuals);
+    settled = least_squares(best, points, weights, residuals);
     radius = best.radius_mm;
   }
   if (!settled || !(radius > 0))

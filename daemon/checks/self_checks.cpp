@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <iterator>
 #include <map>
 #include <numbers>
 #include <optional>
@@ -11,6 +12,7 @@
 #include <variant>
 
 #include "daemon/checks/error_harmonics.h"
+#include "daemon/laser_agreement.h"
 #include "daemon/profile_log.h"
 #include "fitting/coefficient_covariance.h"
 #include "fitting/own_frame.h"
@@ -21,7 +23,7 @@ namespace {
 constexpr double kTurn_rad = 2 * std::numbers::pi, kDegrees = 180 / std::numbers::pi;
 constexpr double kSigmas = 4;               // of the check itself: 6e-5 of all good scans are beyond, a check
 constexpr double kCoverage = 2;             // of what the calibration states
-constexpr double kScatterSigmas = 3;        // of the closure's scatter, in noise
+constexpr double kScatterSigmas = 3;        // of the scatters of closure and lasers, in noise
 constexpr double kCoarsestTurn_deg = 0.25;  // a limit beyond this says nothing of the angle
 constexpr double kFinestTurn_deg = 0.005;   // encoders and clocks are no better
 constexpr const char* kHoldStill = "fasten object, camera and laser, let the machine warm up, and scan again";
@@ -203,17 +205,21 @@ SelfCheck steadiness(const RangeFit& piece, bool lasers_differ, double systemati
       "fasten the object, keep the machine away from what shakes it, scan slower or in steps");
 }
 
-/// Nothing where there is one laser.
-std::optional<SelfCheck> laser_agreement(const CheckedScan& scan) {
-  if (scan.laser_difference_mm) {
-    const Measured& difference = *scan.laser_difference_mm;
-    return judged(
-        "laser_agreement", "mm", difference.value, difference.u, limit_of(difference.u, scan.calibration.systematic_mm),
-        "mean difference along r of what two lasers see",
-        "the planes of the lasers were calibrated apart, or one of them was moved", "run celadon calibrate again");
+/// Mean and scatter of what two lasers differ by; nothing where there is one laser.
+std::vector<SelfCheck> laser_checks(const CheckedScan& scan) {
+  if (!scan.agreement) {
+    if (scan.calibration.lasers.size() < 2) return {};
+    return {unknown("laser_agreement", "mm", "this scan did not compare its lasers")};
   }
-  if (scan.calibration.lasers.size() < 2) return std::nullopt;
-  return unknown("laser_agreement", "mm", "this scan did not compare its lasers");
+  const AgreementError& e = *scan.agreement;
+  const AgreementCause by = cause_of(e);
+  const double systematic_mm = scan.calibration.systematic_mm;
+  // Each cell has its noise, and the uncertainty of both planes.
+  const double scatter_limit = kScatterSigmas * std::hypot(e.noise, std::numbers::sqrt2 * systematic_mm);
+  return {judged("laser_agreement", "mm", e.bias, e.bias_sd, limit_of(e.bias_sd, systematic_mm),
+                 "mean difference along r of what two lasers see", by.cause, by.remedy),
+          judged("laser_scatter", "mm", e.rms, e.noise / std::sqrt(2 * static_cast<double>(e.cells)), scatter_limit,
+                 "root mean square difference of what two lasers see, over fields of the object", by.cause, by.remedy)};
 }
 
 }  // namespace
@@ -253,9 +259,11 @@ std::vector<SelfCheck> self_checks(const CheckedScan& scan) {
       closure_scatter(scan.closure, scan.overlap, scan.fit.whole().noise_mm, scan.fit.whole().kappa),
       turn(scan.overlap, scan.calibration.encoder_scale)};
   add_harmonics(checks, piece, systematic_mm);
-  const auto lasers = laser_agreement(scan);
-  checks.push_back(steadiness(piece, lasers && lasers->verdict == CheckVerdict::failed, systematic_mm));
-  if (lasers) checks.push_back(*lasers);
+  std::vector<SelfCheck> lasers = laser_checks(scan);
+  const bool differ = std::any_of(lasers.begin(), lasers.end(),
+                                  [](const SelfCheck& check) { return check.verdict == CheckVerdict::failed; });
+  checks.push_back(steadiness(piece, differ, systematic_mm));
+  std::move(lasers.begin(), lasers.end(), std::back_inserter(checks));
   return checks;
 }
 

@@ -17,13 +17,12 @@ namespace celadon {
 struct CheckedScan {
   const BodyFit& fit;  ///< with its errors measured
   const Calibration& calibration;
-  OverlapResult overlap;                ///< of the beginning and the end of the turn
-  std::optional<ClosureError> closure;  ///< as the capture compared it
-  /// By how much two lasers see the same places apart, along r; nullopt: not measured.
-  std::optional<Measured> laser_difference_mm{};
+  OverlapResult overlap;                      ///< of the beginning and the end of the turn
+  std::optional<ClosureError> closure;        ///< as the capture compared it
+  std::optional<AgreementError> agreement{};  ///< of two lasers; nullopt: not measured
 };
 
-/// Closure, angle of a turn, harmonics, steadiness, and agreement of lasers, in this order. Limits are four standard
+/// Closure, angle of a turn, harmonics, steadiness, and what lasers differ by, in this order. Limits are four standard
 /// uncertainties of the check itself and, added in squares, twice what the calibration says that it does not know.
 std::vector<SelfCheck> self_checks(const CheckedScan& scan);
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "acquisition/laser_line.h"
+#include "tests/acquisition/extracted_rows.h"
 #include "tests/acquisition/synthetic_line.h"
 
 namespace celadon {
@@ -15,13 +16,6 @@ namespace {
 
 using synthetic::mode_of;
 using Bytes = std::vector<std::uint8_t>;
-
-std::vector<LineRow> extract(const CameraMode& mode, std::span<const std::uint8_t> on,
-                             std::span<const std::uint8_t> off = {}, const LaserLineOptions& options = {}) {
-  std::vector<LineRow> rows(static_cast<std::size_t>(mode.height_px));
-  LaserLineExtractor(options).extract(mode, on, off, rows);
-  return rows;
-}
 
 TEST(LaserLine, AnyBytesGiveFiniteRowsInsideTheFrame) {
   rc::check("finite and inside", [] {

@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/acquisition/extracted_rows.h"
 #include "tests/acquisition/laser_line_reference.h"
 #include "tests/acquisition/simd_targets.h"
 #include "tests/acquisition/synthetic_line.h"
@@ -22,13 +23,6 @@ namespace {
 
 using synthetic::mode_of;
 using Bytes = std::vector<std::uint8_t>;
-
-std::vector<LineRow> extract(const CameraMode& mode, std::span<const std::uint8_t> on,
-                             std::span<const std::uint8_t> off = {}, const LaserLineOptions& options = {}) {
-  std::vector<LineRow> rows(static_cast<std::size_t>(mode.height_px));
-  LaserLineExtractor(options).extract(mode, on, off, rows);
-  return rows;
-}
 
 int count_status(const std::vector<LineRow>& rows, RowStatus status) {
   return static_cast<int>(

@@ -11,6 +11,7 @@
 #include "acquisition/laser_line.h"
 #include "acquisition/triangulation.h"
 #include "tests/acquisition/projection_truth.h"
+#include "tests/acquisition/sample_spread.h"
 #include "tests/acquisition/synthetic_line.h"
 #include "tests/acquisition/test_calibration.h"
 #include "tests/acquisition/turned_camera.h"
@@ -26,10 +27,6 @@ LineRow column_at(double y_px, double sigma_px = 0.2) {
           .amplitude = 100,
           .width_px = 2,
           .status = RowStatus::found};
-}
-
-double angle_between(double a, double b) {
-  return std::remainder(a - b, 2 * std::numbers::pi);
 }
 
 TEST(TriangulationAlongColumns, TheCalibrationSaysHowTheLineLies) {
@@ -136,7 +133,7 @@ TEST(TriangulationAlongColumns, CovarianceAgreesWithMonteCarlo) {
   ASSERT_GE(expected.size(), 2u);
   std::mt19937_64 random(19);
   std::normal_distribution<double> normal;
-  std::vector<Eigen::Matrix3d> sum(expected.size(), Eigen::Matrix3d::Zero());
+  SampleSpread spread(expected);
   constexpr int kTrials = 20'000;
   for (int trial = 0; trial < kTrials; ++trial) {
     std::vector<LineRow> columns = nominal;
@@ -144,22 +141,9 @@ TEST(TriangulationAlongColumns, CovarianceAgreesWithMonteCarlo) {
       if (column.x_px >= 0) column.x_px += static_cast<float>(kSigmaPx * normal(random));
     }
     triangulator.triangulate(columns, {}, turning, drawn);
-    ASSERT_EQ(drawn.size(), expected.size());
-    for (std::size_t i = 0; i < drawn.size(); ++i) {
-      const Eigen::Vector3d d(drawn.r_mm[i] - expected.r_mm[i],
-                              angle_between(drawn.theta_rad[i], expected.theta_rad[i]),
-                              drawn.z_mm[i] - expected.z_mm[i]);
-      sum[i] += d * d.transpose();
-    }
+    spread.add(drawn);
   }
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    const SampleCovariance& s = expected.covariance[i];
-    Eigen::Matrix3d stated;
-    stated << s.rr, s.rt, s.rz, s.rt, s.tt, s.tz, s.rz, s.tz, s.zz;
-    const Eigen::Vector3d scale = stated.diagonal().cwiseSqrt().cwiseInverse();
-    const Eigen::Matrix3d difference = scale.asDiagonal() * (sum[i] / kTrials - stated) * scale.asDiagonal();
-    EXPECT_LT(difference.cwiseAbs().maxCoeff(), 0.05) << difference;
-  }
+  spread.expect_as_stated();
 }
 
 }  // namespace

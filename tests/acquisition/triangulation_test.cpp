@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "tests/acquisition/projection_truth.h"
+#include "tests/acquisition/sample_spread.h"
 #include "tests/acquisition/test_calibration.h"
 
 namespace celadon {
@@ -21,10 +22,6 @@ LineRow row_at(float x_px, float sigma_px = 0.2f) {
 }
 
 const ScanVolume kEverything{.r_min_mm = 1e-6, .r_max_mm = 1e5, .z_min_mm = -1e5, .z_max_mm = 1e5};
-
-double difference_of_angles(double a, double b) {
-  return std::remainder(a - b, kTurn);
-}
 
 TEST(Triangulation, recovers_points_projected_by_opencv) {
   for (const int laser : {0, 1}) {
@@ -61,9 +58,8 @@ TEST(Triangulation, recovers_points_projected_by_opencv) {
       const double r = std::hypot(p_W.x(), p_W.y());
       worst = std::max(worst, std::abs(profile.r_mm[i] / r - 1));
       worst = std::max(worst, std::abs(profile.z_mm[i] - p_W.z()) / p_W.norm());
-      worst =
-          std::max(worst, std::abs(difference_of_angles(profile.theta_rad[i], std::atan2(p_W.y(), p_W.x()) - turned)) *
-                              std::min(1.0, r / p_W.norm()));
+      worst = std::max(worst, std::abs(angle_between(profile.theta_rad[i], std::atan2(p_W.y(), p_W.x()) - turned)) *
+                                  std::min(1.0, r / p_W.norm()));
       EXPECT_GE(profile.theta_rad[i], 0);
       EXPECT_LT(profile.theta_rad[i], kTurn);
       EXPECT_EQ(profile.row[i], i);
@@ -118,7 +114,7 @@ TEST(Triangulation, direction_and_encoder_scale_turn_the_samples_back) {
     ASSERT_EQ(at_zero.size(), 20u);
     // The table turned counter-clockwise by 0.25 * 1.0002 (direction +1): what the laser now hits lies clockwise on it.
     for (std::size_t i = 0; i < 20; ++i) {
-      EXPECT_NEAR(difference_of_angles(at_turn.theta_rad[i], at_zero.theta_rad[i]), -direction * 0.25 * 1.0002, 1e-12);
+      EXPECT_NEAR(angle_between(at_turn.theta_rad[i], at_zero.theta_rad[i]), -direction * 0.25 * 1.0002, 1e-12);
     }
     EXPECT_NEAR(at_turn.table_angle_rad, direction * 0.25 * 1.0002, 1e-15);
   }
@@ -146,7 +142,7 @@ TEST(Triangulation, covariance_agrees_with_monte_carlo) {
   std::mt19937_64 random(17);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> window(-0.5, 0.5);
-  std::vector<Eigen::Matrix3d> sum(expected.size(), Eigen::Matrix3d::Zero());
+  SampleSpread spread(expected);
   constexpr int kTrials = 20'000;
   Profile drawn;
   for (int trial = 0; trial < kTrials; ++trial) {
@@ -160,23 +156,9 @@ TEST(Triangulation, covariance_agrees_with_monte_carlo) {
           return AngleAtInstant{angle, 0, 0};
         },
         drawn);
-    ASSERT_EQ(drawn.size(), expected.size());
-    for (std::size_t i = 0; i < drawn.size(); ++i) {
-      const Eigen::Vector3d d(drawn.r_mm[i] - expected.r_mm[i],
-                              difference_of_angles(drawn.theta_rad[i], expected.theta_rad[i]),
-                              drawn.z_mm[i] - expected.z_mm[i]);
-      sum[i] += d * d.transpose();
-    }
+    spread.add(drawn);
   }
-  for (std::size_t i = 0; i < expected.size(); ++i) {
-    const SampleCovariance& s = expected.covariance[i];
-    Eigen::Matrix3d stated;
-    stated << s.rr, s.rt, s.rz, s.rt, s.tt, s.tz, s.rz, s.tz, s.zz;
-    const Eigen::Vector3d scale = stated.diagonal().cwiseSqrt().cwiseInverse();
-    const Eigen::Matrix3d difference = scale.asDiagonal() * (sum[i] / kTrials - stated) * scale.asDiagonal();
-    EXPECT_LT(difference.cwiseAbs().maxCoeff(), 0.05) << difference;
-    EXPECT_GT(s.rr, 0);
-  }
+  spread.expect_as_stated();
 }
 
 TEST(Triangulation, rows_beside_jumps_and_gaps_are_dropped_and_counted) {

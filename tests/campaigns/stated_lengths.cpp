@@ -2,7 +2,7 @@
 // follows, spindle and encoder errors, biased extraction, warming), then scans with them: are the stated sizes of a
 // cylinder, a taper and a sphere as sure as stated? Arguments: number of seeds (200), first seed (1), factor on all
 // that is beyond the model (1). Exits with 1 if a bound does not hold.
-#include "tests/acquisition/calibrate/stated_lengths.h"
+#include "tests/integration/stated_lengths.h"
 
 #include <cstdlib>
 #include <utility>

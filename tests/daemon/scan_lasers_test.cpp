@@ -275,11 +275,11 @@ TEST(ScanLasers, APlaneThatMovedIsNamed) {
     } else {
       EXPECT_NEAR(bias, 0.2, 0.05);
     }
-    const auto& warnings = outcome->warnings;
-    const bool named = std::any_of(warnings.begin(), warnings.end(), [](const std::string& text) {
-      return text.find("the plane of laser 0 or 1") != std::string::npos;
+    const bool named = std::any_of(outcome->checks.begin(), outcome->checks.end(), [](const SelfCheck& check) {
+      return check.name == "laser_agreement" && check.verdict == CheckVerdict::failed &&
+             check.cause.find("the plane of laser 0 or 1") != std::string::npos;
     });
-    EXPECT_EQ(named, moved_mm != 0) << report["agreement_mm"] << report["warnings"];
+    EXPECT_EQ(named, moved_mm != 0) << report["agreement_mm"] << report["checks"];
   }
 }
 

@@ -151,7 +151,7 @@ Calibration calibrated(double systematic_mm) {
 }
 
 std::vector<SelfCheck> checked(const RangeFit& fit, const OverlapResult& overlap, double systematic_mm = 0.005,
-                               std::optional<Measured> lasers = std::nullopt) {
+                               std::optional<AgreementError> lasers = std::nullopt) {
   return self_checks({BodyFit{fit}, calibrated(systematic_mm), overlap, ClosureError{0.001, 0.026, 20'000}, lasers});
 }
 
@@ -222,15 +222,39 @@ TEST(SelfChecks, WhatATurnAndAShiftExplainAlikeIsToldAsEither) {
   EXPECT_NE(named(checks, "turn").note.find("look alike"), std::string::npos) << named(checks, "turn").note;
 }
 
+/// What two lasers differ by, mean and root mean square in mm, over 400 cells of noise 0.01 mm.
+AgreementError differing(double bias, double rms) {
+  AgreementError e;
+  e.first = 0;
+  e.second = 1;
+  e.bias = bias;
+  e.bias_sd = 0.001;
+  e.rms = rms;
+  e.noise = 0.01;
+  e.cells = 400;
+  return e;
+}
+
 TEST(SelfChecks, LasersAreJudgedWhereTheyWereCompared) {
   RangeFit fit = round_fit();
   miss(fit, [](double) { return 0; });
   const OverlapResult overlap = compared(round_body, {});
   const auto one = checked(fit, overlap);
   EXPECT_TRUE(std::none_of(one.begin(), one.end(), [](const auto& c) { return c.name == "laser_agreement"; }));
-  EXPECT_EQ(named(checked(fit, overlap, 0.005, Measured{0.004, 0.001}), "laser_agreement").verdict,
-            CheckVerdict::passed);
-  EXPECT_EQ(named(checked(fit, overlap, 0.005, Measured{0.1, 0.001}), "laser_agreement").verdict, CheckVerdict::failed);
+  const auto agreed = checked(fit, overlap, 0.005, differing(0.004, 0.012));
+  EXPECT_EQ(named(agreed, "laser_agreement").verdict, CheckVerdict::passed);
+  EXPECT_EQ(named(agreed, "laser_scatter").verdict, CheckVerdict::passed);
+  const auto plane = checked(fit, overlap, 0.005, differing(0.1, 0.1));
+  EXPECT_EQ(named(plane, "laser_agreement").verdict, CheckVerdict::failed);
+  EXPECT_NE(named(plane, "laser_agreement").cause.find("the plane of laser 0 or 1"), std::string::npos);
+  // No difference on average, and yet: 3 hypot(0.01, 0.005 sqrt(2)) = 0.0367
+  AgreementError moved = differing(0, 0.038);
+  moved.shift = 0.05;
+  const auto object = checked(fit, overlap, 0.005, moved);
+  EXPECT_EQ(named(object, "laser_agreement").verdict, CheckVerdict::passed);
+  EXPECT_EQ(named(object, "laser_scatter").verdict, CheckVerdict::failed);
+  EXPECT_NE(named(object, "laser_scatter").cause.find("the object moved"), std::string::npos);
+  EXPECT_NEAR(*named(object, "laser_scatter").limit, 0.03674, 1e-5);
 }
 
 // What lasers differ by is told by their own check; beside holes the surface errs by itself.
@@ -239,7 +263,7 @@ TEST(SelfChecks, LasersAndHolesAreNoShaking) {
   miss(fit, [](double theta) { return std::fmod(theta, 0.2) < 0.1 ? 0.05 : -0.05; });
   const OverlapResult overlap = compared(round_body, {});
   EXPECT_EQ(named(checked(fit, overlap), "steadiness").verdict, CheckVerdict::failed);
-  const auto two = checked(fit, overlap, 0.005, Measured{0.1, 0.001});
+  const auto two = checked(fit, overlap, 0.005, differing(0.1, 0.1));
   EXPECT_EQ(named(two, "steadiness").verdict, CheckVerdict::not_verifiable);
   EXPECT_EQ(named(two, "laser_agreement").verdict, CheckVerdict::failed);
   fit.report.coverage = 0.9;

@@ -17,7 +17,8 @@ namespace celadon::test {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-/// What a real machine does beyond the calibrated model; none of it by default. README.md of the campaigns has sizes.
+/// What a real machine does beyond the calibrated model; none of it by default.
+/// tests/integration/stated_lengths.h has sizes.
 struct BeyondModel {
   // The print: out of flatness at its rim, against its middle; and each corner's own error.
   double bow_mm = 0, print_mm = 0;

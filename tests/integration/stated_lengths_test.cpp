@@ -1,4 +1,4 @@
-#include "tests/acquisition/calibrate/stated_lengths.h"
+#include "tests/integration/stated_lengths.h"
 
 #include <gtest/gtest.h>
 
