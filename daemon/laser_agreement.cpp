@@ -10,9 +10,9 @@
 namespace celadon {
 namespace {
 
-constexpr double kTurn_rad = 2 * std::numbers::pi;
+constexpr double kWholeTurn_rad = 2 * std::numbers::pi;
 constexpr int kProfilesPerCell = 4, kFewestAround = 8, kMostAround = 180, kAlong = 64;
-constexpr double kFewestSamples = 8;   // of each laser in a cell
+constexpr double kFewestOfEach = 8;    // of each laser in a cell
 constexpr double kLeastSpread = 0.01;  // variance in widths of a cell, of which even samples have 1/12
 constexpr std::size_t kFewestCells = 16;
 constexpr double kMostScatter = 3;  // of the samples in a cell, times the median cell's: steps, edges, steep walls
@@ -32,7 +32,7 @@ void LaserAgreement::add(const Profile& profile) {
   const auto of_laser = cells_.find(profile.laser);
   if (of_laser == cells_.end()) return;
   for (std::size_t i = 0; i < profile.size(); ++i) {
-    const double turned = profile.theta_rad[i] / kTurn_rad;
+    const double turned = profile.theta_rad[i] / kWholeTurn_rad;
     const double around = (turned - std::floor(turned)) * around_;
     const double along = (profile.z_mm[i] - z_start_mm_) / (z_end_mm_ - z_start_mm_) * along_;
     if (!(along >= 0 && along < along_) || !std::isfinite(around)) continue;
@@ -53,7 +53,7 @@ std::optional<LaserAgreement::Difference> LaserAgreement::difference(const std::
   Eigen::Vector2d with_r = Eigen::Vector2d::Zero();
   double square_r = 0, inverse_n = 0;
   for (const Cell& c : {first[cell], second[cell]}) {
-    if (c.n < kFewestSamples) return std::nullopt;
+    if (c.n < kFewestOfEach) return std::nullopt;
     const double aa = c.aa - c.a * c.a / c.n, ah = c.ah - c.a * c.h / c.n, hh = c.hh - c.h * c.h / c.n;
     if (aa < kLeastSpread * c.n || hh < kLeastSpread * c.n) return std::nullopt;
     within += (Eigen::Matrix2d() << aa, ah, ah, hh).finished();
@@ -71,7 +71,7 @@ std::optional<LaserAgreement::Difference> LaserAgreement::difference(const std::
   d.scatter_mm2 = std::max(square_r - slope.dot(with_r), 0.) / (p.n + q.n - 4);
   d.variance_mm2 = d.scatter_mm2 * (inverse_n + apart.dot(inverse * apart));
   const std::size_t around = cell / kAlong, along = cell % kAlong;
-  d.theta_rad = (static_cast<double>(around) + 0.5) / around_ * kTurn_rad;
+  d.theta_rad = (static_cast<double>(around) + 0.5) / around_ * kWholeTurn_rad;
   d.height = (static_cast<double>(along) + 0.5) / along_ * 2 - 1;
   return d;
 }
