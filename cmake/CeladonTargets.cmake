@@ -65,7 +65,6 @@ function(celadon_test name)
   # Test programs spend their time in the libraries: compiling them fast is worth more than running them fast.
   target_compile_options(${name} PRIVATE -O1)
   target_precompile_headers(${name} REUSE_FROM celadon_test_headers)
-  set_target_properties(${name} PROPERTIES UNITY_BUILD OFF)  # tests may name alike what is alike
   target_include_directories(${name} PRIVATE "${PROJECT_BINARY_DIR}/generated")
   if("threads" IN_LIST arg_LABELS)
     add_dependencies(tsan_tests ${name})

@@ -31,7 +31,7 @@ using testing::PlyKind;
 using testing::PlyShape;
 using testing::Points;
 
-constexpr double pi = std::numbers::pi;
+using std::numbers::pi;
 
 /// A whole pass.
 struct Read {

@@ -19,7 +19,7 @@ namespace {
 using testing::ClosedWall;
 using testing::Triangles;
 
-constexpr double pi = std::numbers::pi;
+using std::numbers::pi;
 
 /// The range function of a wall in closed form: its Bernstein coefficients are B-spline coefficients at full knots.
 RangeFunction range_of(const ClosedWall& wall, const Eigen::Isometry3d& X_WB = Eigen::Isometry3d::Identity()) {

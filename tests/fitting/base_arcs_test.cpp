@@ -13,7 +13,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 constexpr long double kPiL = std::numbers::pi_v<long double>;
 
 // (2.7) as printed, in extended precision: the reference for every faster form.
@@ -36,14 +36,14 @@ Eigen::Vector2d base_point(const BaseArcs& arcs, double v) {
 
 TEST(BaseArcs, CountOfArcsAndWeight_2_4) {
   EXPECT_EQ(BaseArcs::full_circle().count(), 4);
-  EXPECT_EQ(BaseArcs::open(0, 2 * kPi).count(), 4);
-  EXPECT_EQ(BaseArcs::open(0, kPi / 2).count(), 1);
-  EXPECT_EQ(BaseArcs::open(0, kPi / 2 + 1e-6).count(), 2);
-  EXPECT_EQ(BaseArcs::open(1, 1.5 * kPi).count(), 3);
+  EXPECT_EQ(BaseArcs::open(0, 2 * pi).count(), 4);
+  EXPECT_EQ(BaseArcs::open(0, pi / 2).count(), 1);
+  EXPECT_EQ(BaseArcs::open(0, pi / 2 + 1e-6).count(), 2);
+  EXPECT_EQ(BaseArcs::open(1, 1.5 * pi).count(), 3);
   EXPECT_EQ(BaseArcs::open(0, 1e-3).count(), 1);
   EXPECT_DOUBLE_EQ(BaseArcs::full_circle().weight(), std::sqrt(0.5));
-  EXPECT_DOUBLE_EQ(BaseArcs::open(0, kPi).weight(), std::sqrt(0.5));
-  EXPECT_NEAR(BaseArcs::open(0, kPi / 3).weight(), std::sqrt(3.0) / 2, 1e-15);
+  EXPECT_DOUBLE_EQ(BaseArcs::open(0, pi).weight(), std::sqrt(0.5));
+  EXPECT_NEAR(BaseArcs::open(0, pi / 3).weight(), std::sqrt(3.0) / 2, 1e-15);
   EXPECT_THROW(BaseArcs::open(0, 0), std::invalid_argument);
   EXPECT_THROW(BaseArcs::open(0, 7), std::invalid_argument);
   EXPECT_THROW(BaseArcs::open(NAN, 1), std::invalid_argument);
@@ -66,12 +66,12 @@ TEST(BaseArcs, ParameterAgreesWithThePrintedFormula_2_7) {
   std::mt19937_64 random(1);
   const BaseArcs circle = BaseArcs::full_circle();
   for (int k = 0; k < 20000; ++k) {
-    const double theta = test::uniform(random, 0, 2 * kPi);
+    const double theta = test::uniform(random, 0, 2 * pi);
     const auto truth = static_cast<double>(printed_v(circle, theta, kPiL / 2));
     EXPECT_NEAR(circle.v_of_theta(theta), truth, 1e-15 * std::max(1.0, truth)) << theta;
   }
   for (int k = 0; k < 2000; ++k) {
-    const double range = test::uniform(random, 1e-3, 2 * kPi), start = test::uniform(random, -3, 3);
+    const double range = test::uniform(random, 1e-3, 2 * pi), start = test::uniform(random, -3, 3);
     const BaseArcs arcs = BaseArcs::open(start, range);
     const double theta = start + test::uniform(random, 0, range);
     const auto truth = static_cast<double>(
@@ -100,7 +100,7 @@ TEST(BaseArcs, SmallAnglesKeepTheirRelativeAccuracy_2_7) {
 TEST(BaseArcs, JointsAndSeam) {
   const BaseArcs circle = BaseArcs::full_circle();
   for (int j = -9; j <= 9; ++j) {
-    const double v = circle.v_of_theta(j * kPi / 2), expected = ((j % 4) + 4) % 4;
+    const double v = circle.v_of_theta(j * pi / 2), expected = ((j % 4) + 4) % 4;
     EXPECT_TRUE(std::abs(v - expected) < 1e-14 || std::abs(v - expected - 4) < 1e-14 ||
                 std::abs(v - expected + 4) < 1e-14)
         << j << " " << v;
@@ -108,20 +108,20 @@ TEST(BaseArcs, JointsAndSeam) {
   EXPECT_EQ(circle.v_of_theta(0), 0);
   EXPECT_GE(circle.v_of_theta(-1e-18), 0);
   EXPECT_LE(circle.v_of_theta(-1e-18), 4);
-  EXPECT_LE(circle.v_of_theta(std::nextafter(2 * kPi, 7.0)), 4);
+  EXPECT_LE(circle.v_of_theta(std::nextafter(2 * pi, 7.0)), 4);
   EXPECT_TRUE(std::isnan(circle.v_of_theta(NAN)));
   EXPECT_TRUE(std::isnan(circle.v_of_theta(INFINITY)));
-  EXPECT_NEAR(circle.v_of_theta(1e6 * 2 * kPi + 1), circle.v_of_theta(1), 1e-9);
-  EXPECT_EQ(circle.theta_of_v(4), 2 * kPi);
+  EXPECT_NEAR(circle.v_of_theta(1e6 * 2 * pi + 1), circle.v_of_theta(1), 1e-9);
+  EXPECT_EQ(circle.theta_of_v(4), 2 * pi);
   EXPECT_EQ(circle.theta_of_v(0), 0);
-  EXPECT_EQ(circle.theta_of_v(2), kPi);
+  EXPECT_EQ(circle.theta_of_v(2), pi);
 }
 
 // A few ulps on either side of each joint, where the arc of an angle is decided by its last bits.
 TEST(BaseArcs, AnglesNextToTheJointsKeepTheirPlace) {
   const BaseArcs circle = BaseArcs::full_circle();
   for (int j = -20; j <= 40; ++j) {
-    double theta = j * kPi / 2;
+    double theta = j * pi / 2;
     for (int k = 0; k < 6; ++k) theta = std::nextafter(theta, -100.0);
     for (int k = -6; k <= 6; ++k, theta = std::nextafter(theta, 100.0)) {
       const long double turned = std::fmod(static_cast<long double>(theta) + 40 * kPiL, 2 * kPiL);
@@ -147,8 +147,8 @@ TEST(BaseArcs, OpenArcsClampToTheNearerEnd) {
   EXPECT_EQ(arcs.v_of_theta(1.2), 2);
   EXPECT_EQ(arcs.v_of_theta(3), 2);
   EXPECT_EQ(arcs.v_of_theta(-3), 0);
-  EXPECT_EQ(arcs.v_of_theta(2 * kPi - 3), 0);
-  EXPECT_NEAR(arcs.v_of_theta(2 * kPi), 1, 1e-15);
+  EXPECT_EQ(arcs.v_of_theta(2 * pi - 3), 0);
+  EXPECT_NEAR(arcs.v_of_theta(2 * pi), 1, 1e-15);
   const double x[] = {-1, -1, 0, std::cos(1.0), 0}, y[] = {0.1, -0.1, 1, std::sin(1.0), 0};
   double v[5], r[5];
   arcs.synchronise(x, y, 5, v, r);
@@ -185,8 +185,8 @@ TEST(BaseArcs, DerivativesOfTheSynchronisation) {
 // eta = y'/(sin(arc/2)(r + x') + (1 - w) y'): points against angles.
 TEST(BaseArcs, PointsWithoutArctangentAgreeWithAngles) {
   std::mt19937_64 random(2);
-  for (const BaseArcs& arcs : {BaseArcs::full_circle(), BaseArcs::open(0.4, 2 * kPi), BaseArcs::open(-2.9, 3.1),
-                               BaseArcs::open(2, 0.8), BaseArcs::open(0, 1.5 * kPi)}) {
+  for (const BaseArcs& arcs : {BaseArcs::full_circle(), BaseArcs::open(0.4, 2 * pi), BaseArcs::open(-2.9, 3.1),
+                               BaseArcs::open(2, 0.8), BaseArcs::open(0, 1.5 * pi)}) {
     std::vector<double> x, y, truth;
     for (int k = 0; k < 5003; ++k) {
       const double part = test::uniform(random, 0, 1);

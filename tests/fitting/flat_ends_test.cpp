@@ -15,7 +15,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 class Cloud {
  public:
@@ -40,14 +40,14 @@ class Cloud {
   }
 
  private:
-  double turn() { return 2 * kPi * share_(random_); }
+  double turn() { return 2 * pi * share_(random_); }
   std::mt19937_64 random_{3};
   std::normal_distribution<double> normal_;
   std::uniform_real_distribution<double> share_{0, 1};
   std::vector<Eigen::Vector3d> points_;
 };
 
-double cylinder(double, double) {
+double cylinder_30mm(double, double) {
   return 30;
 }
 double lobed(double t, double z) {
@@ -87,7 +87,7 @@ TEST(FlatEnds, WhatIsNoFlatEndIsLeftAlone) {
     open.wall(20000, 0, 80, lobed);
     none(open, "open ends");
     Cloud dome(sigma);
-    dome.wall(20000, 0, 80, cylinder);
+    dome.wall(20000, 0, 80, cylinder_30mm);
     dome.wall(8000, 80, 109.99, [](double, double z) { return std::sqrt(900 - (z - 80) * (z - 80)); });
     none(dome, "a dome");
     Cloud ball(sigma);
@@ -95,7 +95,7 @@ TEST(FlatEnds, WhatIsNoFlatEndIsLeftAlone) {
     none(ball, "a ball");
     Cloud step(sigma);
     step.wall(10000, 0, 40, [](double, double) { return 40.0; });
-    step.wall(10000, 40, 80, cylinder);
+    step.wall(10000, 40, 80, cylinder_30mm);
     step.face(4000, 30, 40, 40);
     none(step, "a step");
     Cloud cone(sigma);
@@ -106,7 +106,7 @@ TEST(FlatEnds, WhatIsNoFlatEndIsLeftAlone) {
 
 TEST(FlatEnds, TheWallComesBackExact) {
   Cloud cloud(0);
-  cloud.wall(20000, 0.001, 79.999, cylinder);
+  cloud.wall(20000, 0.001, 79.999, cylinder_30mm);
   cloud.face(4000, 0, 30, 80);
   cloud.face(8000, 30, 80, 0);
   PointStream all(cloud.points());

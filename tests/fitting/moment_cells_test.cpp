@@ -1,6 +1,7 @@
 #include "fitting/moment_cells.h"
 
 #include <gtest/gtest.h>
+#include <numbers>
 
 #include <cmath>
 #include <random>
@@ -11,26 +12,26 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = 3.14159265358979323846;
+using std::numbers::pi;
 constexpr double kStart_mm = -7, kEnd_mm = 113, kLargest_mm = 40;
 
-struct Samples {
+struct CellSamples {
   std::vector<double> r, theta, z;
 };
 
-Samples samples(unsigned seed) {
+CellSamples samples(unsigned seed) {
   std::mt19937_64 random(seed);
   std::uniform_real_distribution<double> share(0, 1);
-  Samples s;
+  CellSamples s;
   for (int k = 0; k < 3000; ++k) {
-    s.theta.push_back(2 * kPi * share(random));
+    s.theta.push_back(2 * pi * share(random));
     s.z.push_back(kStart_mm + (kEnd_mm - kStart_mm) * share(random));
     s.r.push_back(kLargest_mm * (1 + share(random)) / 2);
   }
   return s;
 }
 
-MomentGrid accumulate(const Samples& s, int z_intervals, int intervals_per_arc) {
+MomentGrid accumulate(const CellSamples& s, int z_intervals, int intervals_per_arc) {
   MomentGrid grid({kStart_mm, kEnd_mm, z_intervals, intervals_per_arc, 3, 3});
   grid.add(s.r, s.theta, s.z);
   return grid;
@@ -55,7 +56,7 @@ std::vector<int> meaningful(const MomentLayout& layout) {
 // The same samples summed straight into the larger cells.
 TEST(MergedMoments, AreThoseOfTheLargerCells) {
   for (const unsigned seed : {1u, 2u, 3u}) {
-    const Samples s = samples(seed);
+    const CellSamples s = samples(seed);
     const MomentGrid fine = accumulate(s, 32, 8), coarse = accumulate(s, 4, 2);
     const MergedMoments between(cells_of(fine), every(2, 32), every(1, 32));
     const MergedMoments merged(between.cells(), every(8, 32), every(4, 32));

@@ -20,7 +20,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 RangeFunction over_sphere(std::mt19937_64& random, double start, double end, double spread = 2) {
   BaseSurface base;
@@ -68,7 +68,7 @@ RC_GTEST_PROP(OtherBases, BatchesAreTheFunctionAndItsDerivatives, (unsigned seed
   const RangeBatch batch(f);
   std::vector<double> theta, v, along;
   for (int k = 0; k < 50; ++k) {
-    theta.push_back(test::uniform(random, 0, 2 * kPi));
+    theta.push_back(test::uniform(random, 0, 2 * pi));
     v.push_back(base.arcs.v_of_theta(theta.back()));
     // Not near a pole, where curvatures of random functions are without bound.
     along.push_back(base.spherical() ? test::uniform(random, 0.35, 1.55)
@@ -197,7 +197,7 @@ TEST(OtherBases, SpheresAreCompared) {
   for (int i = 0; i < kSteps; ++i)
     for (int j = 0; j < kSteps; ++j) {
       const double w = meridian.v_of_theta(std::acos(top + (bottom - top) * (i + 0.5) / kSteps));
-      const double e = f(2 * kPi * (j + 0.5) / kSteps, w) - 25;
+      const double e = f(2 * pi * (j + 0.5) / kSteps, w) - 25;
       mean += e / kSteps / kSteps;
       square += e * e / kSteps / kSteps;
       most = std::max(most, e);
@@ -219,8 +219,8 @@ TEST(OtherBases, SectionsOfASphereAreCircles) {
   for (const double z : {-20.0, 0.0, 7.0, 24.0}) {
     const Section s = section(ball, z);
     const double r = std::sqrt(625 - z * z);
-    EXPECT_NEAR(s.area_mm2, kPi * r * r, 1e-9) << z;
-    EXPECT_NEAR(s.perimeter_mm, 2 * kPi * r, 1e-9) << z;
+    EXPECT_NEAR(s.area_mm2, pi * r * r, 1e-9) << z;
+    EXPECT_NEAR(s.perimeter_mm, 2 * pi * r, 1e-9) << z;
     EXPECT_NEAR(s.largest_radius.value_mm, r, 1e-10) << z;
     EXPECT_LT((s.centroid_mm - Eigen::Vector3d(1, 2, 3 + z)).norm(), 1e-10) << z;
     EXPECT_LT(s.curve_error_mm, 1e-9) << z;

@@ -60,16 +60,16 @@ BothFits fit_both(MemoryStream& samples, const RangeFitOptions& options = {}) {
   return {std::move(*here), std::move(own)};
 }
 
-double cylinder(double, double) {
+double cylinder_25mm(double, double) {
   return 25;
 }
-double vase(double, double z) {
+double flared_vase(double, double z) {
   return 30 + 0.2 * z - 0.006 * z * z + 4e-5 * z * z * z;
 }
 
 TEST(OwnFrame, AnOffCentreCylinderIsACylinderAgain) {
   const Eigen::Isometry3d X_SL = placed(6, 3, 0);
-  MemoryStream samples = standing_at(X_SL, cylinder, 40000, 0, 0, 1);
+  MemoryStream samples = standing_at(X_SL, cylinder_25mm, 40000, 0, 0, 1);
   const BothFits fit = fit_both(samples);
   EXPECT_NE(fit.here.fit.report.model, SurfaceModel::cylinder);
   ASSERT_TRUE(fit.own);
@@ -88,7 +88,7 @@ TEST(OwnFrame, AnOffCentreCylinderIsACylinderAgain) {
 
 TEST(OwnFrame, ALeaningVaseUnderNoiseAndStraysIsARevolutionAgain) {
   const Eigen::Isometry3d X_SL = placed(-4, 2, 0.06);
-  MemoryStream samples = standing_at(X_SL, vase, 150000, 0.02, 0.02, 2);
+  MemoryStream samples = standing_at(X_SL, flared_vase, 150000, 0.02, 0.02, 2);
   BothFits fit = fit_both(samples, {.form_tolerance_mm = 0.003});
   EXPECT_EQ(fit.here.fit.report.model, SurfaceModel::general);
   ASSERT_TRUE(fit.own);
@@ -99,10 +99,9 @@ TEST(OwnFrame, ALeaningVaseUnderNoiseAndStraysIsARevolutionAgain) {
   double worst = 0;
   for (double z = 5; z < 76; z += 0.5)
     for (double theta = 0.1; theta < 6.2; theta += 0.3)
-      worst = std::max(
-          worst,
-          std::abs(f.membership(X_SL * Eigen::Vector3d(vase(0, z) * std::cos(theta), vase(0, z) * std::sin(theta), z))
-                       .ray_mm));
+      worst = std::max(worst, std::abs(f.membership(X_SL * Eigen::Vector3d(flared_vase(0, z) * std::cos(theta),
+                                                                           flared_vase(0, z) * std::sin(theta), z))
+                                           .ray_mm));
   EXPECT_LT(worst, 0.004);
   RangeFit measured = measure_errors(std::move(fit.own->surface), fit.own->samples.streams());
   EXPECT_NEAR(measured.report.geometric_mm.rms, 0.02, 0.002);
@@ -114,15 +113,16 @@ TEST(OwnFrame, BodiesThatAreNotRoundStay) {
       placed(0, 0, 0), [](double t, double z) { return freeform(t, 1.4 * z); }, 60000, 0.02, 0, 3);
   EXPECT_FALSE(fit_both(freeform_body).own);
   MemoryStream squeezed = standing_at(
-      placed(3, 1, 0), [](double t, double z) { return vase(t, z) / std::hypot(std::cos(t), std::sin(t) / 0.75); },
-      60000, 0.02, 0, 4);
+      placed(3, 1, 0),
+      [](double t, double z) { return flared_vase(t, z) / std::hypot(std::cos(t), std::sin(t) / 0.75); }, 60000, 0.02,
+      0, 4);
   EXPECT_FALSE(fit_both(squeezed).own);
 }
 
 TEST(OwnFrame, RoundBodiesOnTheAxisAndNamedModelsStay) {
-  MemoryStream centred = standing_at(placed(0, 0, 0), vase, 40000, 0.02, 0, 5);
+  MemoryStream centred = standing_at(placed(0, 0, 0), flared_vase, 40000, 0.02, 0, 5);
   EXPECT_FALSE(fit_both(centred).own);
-  MemoryStream off = standing_at(placed(6, 3, 0), cylinder, 40000, 0.02, 0, 6);
+  MemoryStream off = standing_at(placed(6, 3, 0), cylinder_25mm, 40000, 0.02, 0, 6);
   EXPECT_FALSE(fit_both(off, {.model = SurfaceModel::general}).own);
 }
 

@@ -40,7 +40,7 @@ double curvature(const CurveDerivatives& d) {
   return (d.C_v.x() * d.C_vv.y() - d.C_v.y() * d.C_vv.x()) / std::pow(d.C_v.norm(), 3);
 }
 
-double lobed(double theta) {
+double lobed_curve(double theta) {
   return 30 + 3 * std::cos(2 * theta + 0.3) + 1.5 * std::cos(5 * theta + 1) + 0.8 * std::sin(3 * theta);
 }
 
@@ -71,12 +71,12 @@ TEST(PolarCurve, AnArcIsAnArc) {
 TEST(PolarCurve, ErrorsFallWithTheFourthPower) {
   std::vector<double> errors;
   for (const int intervals : {8, 16, 32}) {
-    const auto fit =
-        fit_curve(points_on(lobed, 20000, 0), {.intervals_per_arc = intervals, .robust = false, .smoothing = false});
+    const auto fit = fit_curve(points_on(lobed_curve, 20000, 0),
+                               {.intervals_per_arc = intervals, .robust = false, .smoothing = false});
     ASSERT_TRUE(fit) << fit.error().message;
     EXPECT_FALSE(fit->circle);
     EXPECT_EQ(fit->curve.degree, 5);
-    errors.push_back(largest_miss(fit->curve, lobed));
+    errors.push_back(largest_miss(fit->curve, lobed_curve));
   }
   EXPECT_GT(errors[0] / errors[1], 10);
   EXPECT_GT(errors[1] / errors[2], 12);
@@ -84,9 +84,9 @@ TEST(PolarCurve, ErrorsFallWithTheFourthPower) {
 }
 
 TEST(PolarCurve, ClosedCurvesAreSmoothAcrossEveryJoint) {
-  const auto fit = fit_curve(points_on(lobed, 3000, 0.02));
+  const auto fit = fit_curve(points_on(lobed_curve, 3000, 0.02));
   ASSERT_TRUE(fit) << fit.error().message;
-  EXPECT_LT(largest_miss(fit->curve, lobed), 0.02);
+  EXPECT_LT(largest_miss(fit->curve, lobed_curve), 0.02);
   EXPECT_NEAR(fit->noise_mm, 0.02, 0.002);
   const NurbsCurve& c = fit->curve;
   for (const double joint : {0.0, 1.0, 2.0, 3.0}) {
@@ -100,7 +100,7 @@ TEST(PolarCurve, ClosedCurvesAreSmoothAcrossEveryJoint) {
 
 // The product is F times the circle at every parameter (2.10).
 TEST(PolarCurve, IsTheRangeTimesTheCircle_2_10) {
-  const auto fit = fit_curve(points_on(lobed, 2000, 0));
+  const auto fit = fit_curve(points_on(lobed_curve, 2000, 0));
   ASSERT_TRUE(fit) << fit.error().message;
   const BaseArcs circle = BaseArcs::full_circle();
   for (int k = 0; k < 400; ++k) {
@@ -112,20 +112,20 @@ TEST(PolarCurve, IsTheRangeTimesTheCircle_2_10) {
 }
 
 TEST(PolarCurve, OutliersStayOutside) {
-  Eigen::Matrix2Xd points = points_on(lobed, 4000, 0.02);
+  Eigen::Matrix2Xd points = points_on(lobed_curve, 4000, 0.02);
   for (int k = 0; k < 400; ++k) points.col(10 * k) *= 1.1;
   const auto fit = fit_curve(points);
   ASSERT_TRUE(fit) << fit.error().message;
   EXPECT_NEAR(fit->rejected, 400, 10);
-  EXPECT_LT(largest_miss(fit->curve, lobed), 0.03);
+  EXPECT_LT(largest_miss(fit->curve, lobed_curve), 0.03);
 }
 
 TEST(PolarCurve, RefusesWithTheRemedy) {
   EXPECT_NE(fit_curve(Eigen::Matrix2Xd(2, 0)).error().message.find("no points"), std::string::npos);
   EXPECT_NE(fit_curve(Eigen::Matrix2Xd::Zero(2, 100)).error().message.find("on the axis"), std::string::npos);
-  EXPECT_FALSE(fit_curve(points_on(lobed, 5, 0)));
-  EXPECT_FALSE(fit_curve(points_on(lobed, 500, 0, 0, 1.0)));  // a sixth of the turn as a closed curve
-  Eigen::Matrix2Xd none = points_on(lobed, 50, 0);
+  EXPECT_FALSE(fit_curve(points_on(lobed_curve, 5, 0)));
+  EXPECT_FALSE(fit_curve(points_on(lobed_curve, 500, 0, 0, 1.0)));  // a sixth of the turn as a closed curve
+  Eigen::Matrix2Xd none = points_on(lobed_curve, 50, 0);
   none.setConstant(std::numeric_limits<double>::quiet_NaN());
   EXPECT_FALSE(fit_curve(none));
 }

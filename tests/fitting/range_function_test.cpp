@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
+#include <numbers>
 
 #include <Eigen/Dense>
 #include <cmath>
@@ -13,7 +14,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 BaseSurface band(double lo, double hi) {
   BaseSurface base;
@@ -60,13 +61,13 @@ RC_GTEST_PROP(RangeFunction, BatchAgreesWithTheTensorSum, (unsigned seed)) {
     theta[k] = test::uniform(random, -7, 7);
     z[k] = test::uniform(random, -25, 75);
   }
-  theta[0] = 0, theta[1] = 2 * kPi, z[2] = -20, z[3] = 70;
+  theta[0] = 0, theta[1] = 2 * pi, z[2] = -20, z[3] = 70;
   f.evaluate(theta.data(), z.data(), theta.size(), r.data());
   for (std::size_t k = 0; k < theta.size(); ++k) {
     RC_ASSERT(std::abs(r[k] - direct(f, theta[k], z[k])) < 1e-12);
     RC_ASSERT(r[k] == f(theta[k], z[k]));
   }
-  RC_ASSERT(std::abs(f(0, 10) - f(2 * kPi, 10)) < 1e-12);  // the seam closes
+  RC_ASSERT(std::abs(f(0, 10) - f(2 * pi, 10)) < 1e-12);  // the seam closes
 }
 
 TEST(RangeFunction, DerivativesAgainstFiniteDifferences) {
@@ -76,7 +77,7 @@ TEST(RangeFunction, DerivativesAgainstFiniteDifferences) {
       const RangeFunction f = test::random_function(random, test::random_space_u(random, p),
                                                     test::random_space_v(random, q), band(0, 60), 1);
       for (int k = 0; k < 20; ++k) {
-        const double t = test::uniform(random, 0, 2 * kPi), z = test::uniform(random, 1, 59);
+        const double t = test::uniform(random, 0, 2 * pi), z = test::uniform(random, 1, 59);
         const double h = 1e-4, g = 1e-3;
         // Only where no knot lies within the difference's reach.
         const auto smooth = [&](const std::vector<double>& knots, double lo, double hi) {
@@ -179,11 +180,11 @@ TEST(RangeFunction, OffCentreCircleHasConstantCurvatureAcrossTheJoints) {
   const RangeSpace space = RangeSpace::over(5, circle, 16);
   const int n = 4000;
   Eigen::VectorXd v(n), r(n);
-  for (int i = 0; i < n; ++i) v[i] = circle.v_of_theta((i + 0.5) / n * 2 * kPi), r[i] = radius((i + 0.5) / n * 2 * kPi);
+  for (int i = 0; i < n; ++i) v[i] = circle.v_of_theta((i + 0.5) / n * 2 * pi), r[i] = radius((i + 0.5) / n * 2 * pi);
   const Eigen::VectorXd free = test::collocation(space, v).householderQr().solve(r);
   const RangeFunction f(band(0, 10), 0, 5, {0, 1}, space.knots(), (space.extraction() * free).transpose());
   for (int i = 0; i < 400; ++i) {
-    const double t = i / 400.0 * 2 * kPi;
+    const double t = i / 400.0 * 2 * pi;
     const SurfacePoint p = f.surface_point(t, 5);
     EXPECT_NEAR(p.curvature_max, 1 / R, 2e-6) << t;
     EXPECT_NEAR(p.curvature_min, 0, 1e-15);

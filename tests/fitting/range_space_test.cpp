@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
+#include <numbers>
 
 #include <Eigen/Dense>
 #include <fstream>
@@ -15,7 +16,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 // Largest jumps of r, r', r'' in theta over all joints, relative to the largest size each reaches there. The end
 // derivatives of the synchronisation in closed form, not from the code.
@@ -88,7 +89,7 @@ TEST(RangeSpace, GoldenFitsByNullSpaces) {
   const BaseArcs circle = BaseArcs::full_circle();
   Eigen::VectorXd v(720), r(720);
   for (int i = 0; i < 720; ++i) {
-    const double theta = (i + 0.5) / 720 * 2 * kPi;
+    const double theta = (i + 0.5) / 720 * 2 * pi;
     v[i] = circle.v_of_theta(theta);
     r[i] = test::wavy_radius(theta);
   }
@@ -197,7 +198,7 @@ std::vector<double> first_arcs(std::vector<double> breaks, int arcs) {
 RC_GTEST_PROP(RangeSpace, OpenRangesAreC2AtTheirJointsAndFreeAtTheirEnds, (unsigned seed)) {
   std::mt19937_64 random(seed);
   const int q = std::uniform_int_distribution<int>(3, 5)(random);
-  const BaseArcs arcs = BaseArcs::open(test::uniform(random, -4, 4), test::uniform(random, 0.01, 2 * kPi));
+  const BaseArcs arcs = BaseArcs::open(test::uniform(random, -4, 4), test::uniform(random, 0.01, 2 * pi));
   const auto breaks = first_arcs(test::random_closed_breaks(random), arcs.count());
   const RangeSpace space = RangeSpace::over(q, arcs, breaks, JointContinuity::curvature);
   RC_ASSERT(!space.periodic());
@@ -261,13 +262,13 @@ TEST(RangeSpace, OrderFollowsTheParameter) {
         for (int i = 0; i < 960; ++i) {
           const double t = (i + 0.5) / 240;
           const double f = test::from_tables(space, Eigen::VectorXd::Unit(n, k), test::interval_of(space, t), t)[0];
-          c += f * std::cos(t * kPi / 2), s += f * std::sin(t * kPi / 2);
+          c += f * std::cos(t * pi / 2), s += f * std::sin(t * pi / 2);
         }
         centre.push_back(std::atan2(s, c));
       }
       for (int k = 0; k < n; ++k) {
         const double step = centre[static_cast<std::size_t>((k + 1) % n)] - centre[static_cast<std::size_t>(k)];
-        EXPECT_GT(std::remainder(step, 2 * kPi), 0) << "degree " << q << " function " << k;
+        EXPECT_GT(std::remainder(step, 2 * pi), 0) << "degree " << q << " function " << k;
       }
       EXPECT_LT(std::abs(centre[0]), 0.5) << "the first function is at the seam";
     }
@@ -302,7 +303,7 @@ double fit_error(int q, int intervals_per_arc, JointContinuity continuity) {
   const int n = 8000;
   Eigen::VectorXd v(n), r(n);
   for (int i = 0; i < n; ++i) {
-    const double theta = (i + 0.5) / n * 2 * kPi;
+    const double theta = (i + 0.5) / n * 2 * pi;
     v[i] = circle.v_of_theta(theta);
     r[i] = test::wavy_radius(theta);
   }
@@ -330,7 +331,7 @@ TEST(RangeSpace, GramMatrixIsAsWellConditionedAsAUniformSpline) {
     const RangeSpace space = RangeSpace::over(3, circle, m);
     const int n = 160 * m;
     Eigen::VectorXd v(n);
-    for (int i = 0; i < n; ++i) v[i] = circle.v_of_theta((i + 0.5) / n * 2 * kPi);
+    for (int i = 0; i < n; ++i) v[i] = circle.v_of_theta((i + 0.5) / n * 2 * pi);
     const Eigen::MatrixXd A = test::collocation(space, v);
     const Eigen::VectorXd e = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(A.transpose() * A).eigenvalues();
     const double condition = e[e.size() - 1] / e[0];

@@ -17,7 +17,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 // Heights that wave by a few millimetres about 10 and 70, on random knots.
 std::shared_ptr<const RangeFunction> random_heights(std::mt19937_64& random, int degree) {
@@ -183,7 +183,7 @@ class Samples : public ProfileStream {
     std::normal_distribution<double> normal(0, 1);
     profile_.order = ProfileOrder::scattered;
     for (int k = 0; k < n; ++k) {
-      const double t = test::uniform(random, 0, 2 * kPi), low = wall.lower(t), high = wall.upper(t);
+      const double t = test::uniform(random, 0, 2 * pi), low = wall.lower(t), high = wall.upper(t);
       const bool stray = test::uniform(random, 0, 1) < stray_share;
       const double z = stray ? test::uniform(random, -10, 90) : test::uniform(random, low, high);
       profile_.theta_rad.push_back(t);
@@ -215,7 +215,7 @@ double plain(double, double) {
   return 30;
 }
 double freeform(double t, double z) {
-  return 30 + 3 * std::cos(2 * t) * std::sin(kPi * z / 70) + 1.5 * std::cos(5 * t + 0.05 * z);
+  return 30 + 3 * std::cos(2 * t) * std::sin(pi * z / 70) + 1.5 * std::cos(5 * t + 0.05 * z);
 }
 double scalloped(double t) {
   return 5 + 3 * std::cos(3 * t + 0.3);
@@ -237,7 +237,7 @@ TEST(Rims, FollowTheEndsOfTheSamples) {
       const RangeFit fit = fit_between(samples, rims);
       const BaseSurface& base = fit.function.base();
       const double reach = n == 3000 ? 6 : n == 20000 ? 2.2 : 1.1, over = 0.5 * reach;
-      for (double t = 0; t < 2 * kPi; t += 0.05) {
+      for (double t = 0; t < 2 * pi; t += 0.05) {
         const double low = base.z_mm(t, base.band_start), high = base.z_mm(t, base.band_end);
         EXPECT_GT(low, scalloped(t) - over * 0.3) << n << " at " << t;
         EXPECT_LT(low, scalloped(t) + reach) << n << " at " << t;
@@ -247,7 +247,7 @@ TEST(Rims, FollowTheEndsOfTheSamples) {
       EXPECT_LT(rims.share_beyond, n == 3000 ? 0.15 : 0.05 + strays) << n;
       if (n < 20000) continue;
       double worst = 0;
-      for (double t = 0.01; t < 2 * kPi; t += 0.05)
+      for (double t = 0.01; t < 2 * pi; t += 0.05)
         for (int i = 0; i <= 20; ++i) {
           const double along = base.band_start + (base.band_end - base.band_start) * i / 20;
           worst = std::max(worst, std::abs(fit.function(t, along) - freeform(t, base.z_mm(t, along))));
@@ -269,13 +269,13 @@ TEST(Rims, ACylinderCutSlantwiseStaysExact) {
   // The volume between the rims: mean heights, since what varies around is no more than first harmonics.
   double mean = 0;
   for (int k = 0; k < 3600; ++k) {
-    const double t = 2 * kPi * k / 3600;
+    const double t = 2 * pi * k / 3600;
     mean += (base.z_mm(t, base.band_end) - base.z_mm(t, base.band_start)) / 3600;
   }
   const SolidProperties solid = solid_properties(fit.surface);
-  EXPECT_NEAR(solid.volume_mm3 / (900 * kPi * mean), 1, 2e-4);
+  EXPECT_NEAR(solid.volume_mm3 / (900 * pi * mean), 1, 2e-4);
   EXPECT_NEAR(mean, 55, 1.2);
-  EXPECT_NEAR(solid.end_cap_area_mm2 / (900 * kPi * std::hypot(1.0, 10.0 / 30)), 1, 0.01);
+  EXPECT_NEAR(solid.end_cap_area_mm2 / (900 * pi * std::hypot(1.0, 10.0 / 30)), 1, 0.01);
 }
 
 TEST(Rims, SayWhyThereAreNone) {

@@ -16,7 +16,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 TEST(Section, OfACylinderIsItsCircle) {
   BaseSurface base = test::band(-10, 30);
@@ -26,8 +26,8 @@ TEST(Section, OfACylinderIsItsCircle) {
     const Section s = section(f, z);
     EXPECT_EQ(s.degree, 2);
     EXPECT_EQ(s.control_points.cols(), 9);
-    EXPECT_NEAR(s.perimeter_mm, 50 * kPi, 1e-12);
-    EXPECT_NEAR(s.area_mm2, 625 * kPi, 1e-11);
+    EXPECT_NEAR(s.perimeter_mm, 50 * pi, 1e-12);
+    EXPECT_NEAR(s.area_mm2, 625 * pi, 1e-11);
     EXPECT_LT((s.centroid_mm - Eigen::Vector3d(3, -4, 100 + z)).norm(), 1e-13);
     EXPECT_EQ(s.largest_radius.value_mm, 25);
     EXPECT_EQ(s.smallest_radius.value_mm, 25);
@@ -49,14 +49,14 @@ TEST(Section, OfAnOffCentreCylinderConvergesToItsCircle) {
     const int n = 64 * m;
     Eigen::VectorXd v(n), r(n);
     for (int k = 0; k < n; ++k) {
-      const double t = 2 * kPi * (k + 0.5) / n;
+      const double t = 2 * pi * (k + 0.5) / n;
       v[k] = arcs.v_of_theta(t);
       r[k] = d * std::cos(t - a) + std::sqrt(R * R - std::pow(d * std::sin(t - a), 2));
     }
     const Eigen::VectorXd free = test::collocation(space, v).householderQr().solve(r);
     const RangeFunction f(test::band(0, 10), 0, 3, {0, 1}, space.knots(), (space.extraction() * free).transpose());
     const Section s = section(f, 5);
-    const double misses[] = {std::abs(s.perimeter_mm / (2 * kPi * R) - 1), std::abs(s.area_mm2 / (kPi * R * R) - 1),
+    const double misses[] = {std::abs(s.perimeter_mm / (2 * pi * R) - 1), std::abs(s.area_mm2 / (pi * R * R) - 1),
                              (s.centroid_mm - Eigen::Vector3d(d * std::cos(a), d * std::sin(a), 5)).norm() / R,
                              std::abs(s.largest_radius.value_mm - (R + d)) / R,
                              std::abs(s.smallest_radius.value_mm - (R - d)) / R};
@@ -66,7 +66,7 @@ TEST(Section, OfAnOffCentreCylinderConvergesToItsCircle) {
     }
     last = miss;
     EXPECT_NEAR(s.largest_radius.theta_rad, a, 0.01);
-    EXPECT_NEAR(s.smallest_radius.theta_rad, a + kPi, 0.01);
+    EXPECT_NEAR(s.smallest_radius.theta_rad, a + pi, 0.01);
   }
   EXPECT_LT(last, 2e-7);
 }

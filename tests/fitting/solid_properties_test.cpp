@@ -17,7 +17,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 void expect_relative(double value, double truth, double tolerance, const char* what) {
   EXPECT_NEAR(value / truth, 1, tolerance) << what << ": " << value << " for " << truth;
@@ -45,11 +45,11 @@ TEST(GaussLegendre, IsExactToItsDegreeAndNotBeyond) {
 TEST(SolidProperties, Cylinder) {
   const double R = 25, h = 70;
   const SolidProperties s = solid_properties(symbolic_product(test::polynomial_revolution({R}, h)));
-  const double V = kPi * R * R * h;
+  const double V = pi * R * R * h;
   expect_relative(s.volume_mm3, V, 1e-14, "volume");
-  expect_relative(s.lateral_area_mm2, 2 * kPi * R * h, 1e-14, "lateral");
-  expect_relative(s.start_cap_area_mm2, kPi * R * R, 1e-14, "start");
-  expect_relative(s.end_cap_area_mm2, kPi * R * R, 1e-14, "end");
+  expect_relative(s.lateral_area_mm2, 2 * pi * R * h, 1e-14, "lateral");
+  expect_relative(s.start_cap_area_mm2, pi * R * R, 1e-14, "start");
+  expect_relative(s.end_cap_area_mm2, pi * R * R, 1e-14, "end");
   EXPECT_LT((s.centroid_mm - Eigen::Vector3d(0, 0, h / 2)).norm(), 1e-13);
   const double across = V * (3 * R * R + h * h) / 12, axial = V * R * R / 2;
   EXPECT_LT((s.inertia_mm5 - Eigen::Vector3d(across, across, axial).asDiagonal().toDenseMatrix()).norm(),
@@ -61,12 +61,12 @@ TEST(SolidProperties, Cylinder) {
 TEST(SolidProperties, Frustum) {
   const double a = 30, b = 12, h = 44;
   const SolidProperties s = solid_properties(symbolic_product(test::polynomial_revolution({a, b - a}, h)));
-  const double V = kPi * h / 3 * (a * a + a * b + b * b);
+  const double V = pi * h / 3 * (a * a + a * b + b * b);
   expect_relative(s.volume_mm3, V, 1e-14, "volume");
-  expect_relative(s.lateral_area_mm2, kPi * (a + b) * std::hypot(a - b, h), 1e-14, "lateral");
-  expect_relative(s.area_mm2(), kPi * ((a + b) * std::hypot(a - b, h) + a * a + b * b), 1e-14, "all");
+  expect_relative(s.lateral_area_mm2, pi * (a + b) * std::hypot(a - b, h), 1e-14, "lateral");
+  expect_relative(s.area_mm2(), pi * ((a + b) * std::hypot(a - b, h) + a * a + b * b), 1e-14, "all");
   expect_relative(s.centroid_mm.z(), h / 4 * (a * a + 2 * a * b + 3 * b * b) / (a * a + a * b + b * b), 1e-14, "z");
-  expect_relative(s.inertia_mm5(2, 2), kPi * h / 10 * (std::pow(a, 5) - std::pow(b, 5)) / (a - b), 1e-14, "axial");
+  expect_relative(s.inertia_mm5(2, 2), pi * h / 10 * (std::pow(a, 5) - std::pow(b, 5)) / (a - b), 1e-14, "axial");
 }
 
 // Meridians of every degree: sums of products of the coefficients.
@@ -87,16 +87,16 @@ TEST(SolidProperties, RevolutionsWithPolynomialMeridians) {
       return sum * std::pow(h, static_cast<double>(power + 1));
     };
     const auto r2 = square(c), r4 = square(r2);
-    const double V = kPi * integral(r2, 0), z = kPi * integral(r2, 1) / V;
-    const double axial = kPi / 2 * integral(r4, 0);
-    const double across = axial / 2 + kPi * integral(r2, 2) - V * z * z;
+    const double V = pi * integral(r2, 0), z = pi * integral(r2, 1) / V;
+    const double axial = pi / 2 * integral(r4, 0);
+    const double across = axial / 2 + pi * integral(r2, 2) - V * z * z;
     const int steps = 20000;
     double area = 0;  // Simpson
     for (int k = 0; k <= 2 * steps; ++k) {
       const double t = k / (2.0 * steps);
       double r = 0, slope = 0;
       for (std::size_t i = n; i-- > 0;) slope = slope * t + r, r = r * t + c[i];
-      area += (k == 0 || k == 2 * steps ? 1 : k % 2 ? 4 : 2) * 2 * kPi * r * std::hypot(1, slope / h) * h / (6 * steps);
+      area += (k == 0 || k == 2 * steps ? 1 : k % 2 ? 4 : 2) * 2 * pi * r * std::hypot(1, slope / h) * h / (6 * steps);
     }
     const SolidProperties s = solid_properties(symbolic_product(test::polynomial_revolution(c, h)));
     expect_relative(s.volume_mm3, V, 2e-14, "volume");
@@ -111,10 +111,10 @@ TEST(SolidProperties, RevolutionsWithPolynomialMeridians) {
 
 TEST(SolidProperties, SphereWithPolesAndItsSegments) {
   const double R = 17;
-  const SolidProperties whole = solid_properties(test::sphere(R, -kPi / 2, kPi / 2));
-  const double V = 4 * kPi / 3 * R * R * R;
+  const SolidProperties whole = solid_properties(test::sphere(R, -pi / 2, pi / 2));
+  const double V = 4 * pi / 3 * R * R * R;
   expect_relative(whole.volume_mm3, V, 1e-14, "volume");
-  expect_relative(whole.area_mm2(), 4 * kPi * R * R, 1e-14, "area");
+  expect_relative(whole.area_mm2(), 4 * pi * R * R, 1e-14, "area");
   EXPECT_EQ(whole.start_cap_area_mm2, 0);
   EXPECT_EQ(whole.end_cap_area_mm2, 0);
   EXPECT_LT(whole.centroid_mm.norm(), 1e-14 * R);
@@ -123,11 +123,11 @@ TEST(SolidProperties, SphereWithPolesAndItsSegments) {
 
   const double a = -0.4, b = 1.1, z0 = R * std::sin(a), z1 = R * std::sin(b);  // a zone
   const SolidProperties zone = solid_properties(test::sphere(R, a, b));
-  const double volume = kPi * (R * R * (z1 - z0) - (z1 * z1 * z1 - z0 * z0 * z0) / 3);
+  const double volume = pi * (R * R * (z1 - z0) - (z1 * z1 * z1 - z0 * z0 * z0) / 3);
   expect_relative(zone.volume_mm3, volume, 1e-14, "zone");
-  expect_relative(zone.lateral_area_mm2, 2 * kPi * R * (z1 - z0), 1e-14, "zone's area");
-  expect_relative(zone.end_cap_area_mm2, kPi * (R * R - z1 * z1), 1e-14, "zone's disc");
-  const double first = kPi * (R * R * (z1 * z1 - z0 * z0) / 2 - (std::pow(z1, 4) - std::pow(z0, 4)) / 4);
+  expect_relative(zone.lateral_area_mm2, 2 * pi * R * (z1 - z0), 1e-14, "zone's area");
+  expect_relative(zone.end_cap_area_mm2, pi * (R * R - z1 * z1), 1e-14, "zone's disc");
+  const double first = pi * (R * R * (z1 * z1 - z0 * z0) / 2 - (std::pow(z1, 4) - std::pow(z0, 4)) / 4);
   expect_relative(zone.centroid_mm.z(), first / volume, 1e-13, "zone's centroid");
 }
 
@@ -135,10 +135,10 @@ TEST(SolidProperties, TorusSegment) {
   const double R = 40, r = 11;
   for (const double angle : {0.3, 1.7, 4.5}) {
     const SolidProperties s = solid_properties(test::torus_segment(R, r, angle));
-    expect_relative(s.volume_mm3, kPi * r * r * R * angle, 2e-14, "volume");
-    expect_relative(s.lateral_area_mm2, 2 * kPi * r * R * angle, 2e-14, "area");
-    expect_relative(s.start_cap_area_mm2, kPi * r * r, 2e-14, "disc");
-    expect_relative(s.end_cap_area_mm2, kPi * r * r, 2e-14, "disc");
+    expect_relative(s.volume_mm3, pi * r * r * R * angle, 2e-14, "volume");
+    expect_relative(s.lateral_area_mm2, 2 * pi * r * R * angle, 2e-14, "area");
+    expect_relative(s.start_cap_area_mm2, pi * r * r, 2e-14, "disc");
+    expect_relative(s.end_cap_area_mm2, pi * r * r, 2e-14, "disc");
     const double out = (R + r * r / (4 * R)) * 2 * std::sin(angle / 2) / angle;
     EXPECT_LT((s.centroid_mm - out * Eigen::Vector3d(std::cos(angle / 2), std::sin(angle / 2), 0)).norm(), 1e-12);
     const double axial = s.volume_mm3 * (R * R + 0.75 * r * r - out * out);
@@ -166,7 +166,7 @@ TEST(SolidProperties, SaysWhichNormalIsOutward) {
 // Weights of the circle's arcs changed by rational reparametrisation, up to 1:20 and 1:625: the same body, harder
 // integrands.
 TEST(SolidProperties, AParametrisationFarFromArcLengthChangesNothing) {
-  NurbsSurface s = test::sphere(17, -kPi / 2, kPi / 2);
+  NurbsSurface s = test::sphere(17, -pi / 2, pi / 2);
   const SolidProperties plain = solid_properties(s);
   const int columns = s.count_v();
   for (int i = 0; i < s.count_u(); ++i)
@@ -209,10 +209,10 @@ TEST(SolidProperties, IsTheIntegralOfHalfTheSquaredRange) {
   double sum = 0;
   for (int i = 0; i < n; ++i)
     for (int j = 0; j < n; ++j) {
-      const double r = f(2 * kPi * (i + 0.5) / n, -5 + 40 * (j + 0.5) / n);
+      const double r = f(2 * pi * (i + 0.5) / n, -5 + 40 * (j + 0.5) / n);
       sum += r * r / 2;
     }
-  sum *= 2 * kPi / n * 40.0 / n;
+  sum *= 2 * pi / n * 40.0 / n;
   expect_relative(solid_properties(symbolic_product(f)).volume_mm3, sum, 1e-6, "volume");
 }
 

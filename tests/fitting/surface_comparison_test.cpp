@@ -15,7 +15,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
 // Cones: r = 30 - z/5 against r = 25 - z/10 over heights that overlap in part.
 TEST(SurfaceComparison, OfCones) {
@@ -85,7 +85,7 @@ RC_GTEST_PROP(SurfaceComparison, AgreesWithDenseSamples, (unsigned seed)) {
   double sum = 0, square = 0, largest = -1e9, smallest = 1e9;
   for (int i = 0; i < n; ++i)
     for (int j = 0; j < m; ++j) {
-      const double t = 2 * kPi * (i + 0.5) / n, z = lo + (hi - lo) * (j + 0.5) / m, d = a(t, z) - b(t, z);
+      const double t = 2 * pi * (i + 0.5) / n, z = lo + (hi - lo) * (j + 0.5) / m, d = a(t, z) - b(t, z);
       sum += d, square += d * d;
       largest = std::max(largest, d);
       smallest = std::min(smallest, d);

@@ -1,6 +1,7 @@
 // S = F . B, thesis (A.2), (A.11), (B.3): against F times the unit circle at random points.
 #include <gtest/gtest.h>
 #include <rapidcheck/gtest.h>
+#include <numbers>
 
 #include <Eigen/Dense>
 #include <cmath>
@@ -15,9 +16,9 @@
 namespace celadon {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
+using std::numbers::pi;
 
-BaseSurface band(double lo, double hi) {
+BaseSurface band_between(double lo, double hi) {
   BaseSurface base;
   base.band_start = lo;
   base.band_end = hi;
@@ -35,7 +36,7 @@ Eigen::Vector3d truth(const RangeFunction& f, double u, double v) {
 RC_GTEST_PROP(SymbolicProduct, IsTheRangeFunctionTimesTheCircle_B_3, (unsigned seed)) {
   std::mt19937_64 random(seed);
   const int p = std::uniform_int_distribution<int>(0, 5)(random), q = std::uniform_int_distribution<int>(0, 5)(random);
-  BaseSurface base = band(-20, 70);
+  BaseSurface base = band_between(-20, 70);
   if (random() % 2) base.X_WB = test::random_placement(random);
   const RangeFunction f =
       test::random_function(random, test::random_space_u(random, p), test::random_space_v(random, q), base, 15);
@@ -59,7 +60,7 @@ RC_GTEST_PROP(SymbolicProduct, IsTheRangeFunctionTimesTheCircle_B_3, (unsigned s
 RC_GTEST_PROP(SymbolicProduct, OpenRangesToo, (unsigned seed)) {
   std::mt19937_64 random(seed);
   const int q = std::uniform_int_distribution<int>(1, 5)(random);
-  BaseSurface base = band(0, 50);
+  BaseSurface base = band_between(0, 50);
   base.arcs = BaseArcs::open(test::uniform(random, -3, 3), test::uniform(random, 0.2, 6.2));
   std::vector<double> breaks;
   for (double t = 0; t < base.arcs.count() - 0.2; t += test::uniform(random, 0.2, 0.6)) breaks.push_back(t);
@@ -75,7 +76,7 @@ RC_GTEST_PROP(SymbolicProduct, OpenRangesToo, (unsigned seed)) {
 }
 
 TEST(SymbolicProduct, CylinderIsExactAtDegrees_1_2) {
-  const RangeFunction f(band(10, 30), 0, 0, {0, 1}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
+  const RangeFunction f(band_between(10, 30), 0, 0, {0, 1}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25));
   const NurbsSurface s = symbolic_product(f);
   EXPECT_EQ(s.degree_u, 1);
   EXPECT_EQ(s.degree_v, 2);
@@ -94,7 +95,7 @@ TEST(SymbolicProduct, RevolutionIsExactAtDegrees_p_2) {
   std::mt19937_64 random(3);
   for (int p = 1; p <= 5; ++p) {
     const RangeFunction f = test::random_function(random, test::random_space_u(random, p),
-                                                  RangeSpace::constant({0, 1, 2, 3, 4}), band(0, 90));
+                                                  RangeSpace::constant({0, 1, 2, 3, 4}), band_between(0, 90));
     const NurbsSurface s = symbolic_product(f);
     EXPECT_EQ(s.degree_u, p);
     EXPECT_EQ(s.degree_v, 2);
@@ -111,7 +112,7 @@ TEST(SymbolicProduct, RevolutionIsExactAtDegrees_p_2) {
 TEST(SymbolicProduct, TranslationalHasDegrees_1_q2) {
   std::mt19937_64 random(4);
   const RangeFunction f = test::random_function(random, RangeSpace::constant({0, 1}),
-                                                RangeSpace::over(3, BaseArcs::full_circle(), 4), band(0, 90));
+                                                RangeSpace::over(3, BaseArcs::full_circle(), 4), band_between(0, 90));
   const NurbsSurface s = symbolic_product(f);
   EXPECT_EQ(s.degree_u, 1);
   EXPECT_EQ(s.degree_v, 5);
@@ -126,8 +127,9 @@ TEST(SymbolicProduct, KnotsHaveTheSmallestMultiplicities_A_7) {
   for (int q = 1; q <= 5; ++q) {
     for (const auto kind : {JointContinuity::curvature, JointContinuity::thesis}) {
       const int m = 4;
-      const RangeFunction f = test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                                    RangeSpace::over(q, BaseArcs::full_circle(), m, kind), band(0, 90));
+      const RangeFunction f =
+          test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
+                                RangeSpace::over(q, BaseArcs::full_circle(), m, kind), band_between(0, 90));
       const NurbsSurface s = symbolic_product(f);
       const Breaks breaks = breaks_of(s.knots_v);
       for (std::size_t k = 0; k < breaks.values.size(); ++k) {
@@ -148,8 +150,9 @@ TEST(SymbolicProduct, KnotsHaveTheSmallestMultiplicities_A_7) {
 
 TEST(SymbolicProduct, NormalPointsInwardAndVolumeIsPositive) {
   std::mt19937_64 random(6);
-  const RangeFunction f = test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                                RangeSpace::over(3, BaseArcs::full_circle(), 3), band(0, 90), 5);
+  const RangeFunction f =
+      test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}), RangeSpace::over(3, BaseArcs::full_circle(), 3),
+                            band_between(0, 90), 5);
   const NurbsSurface s = symbolic_product(f);
   for (int k = 0; k < 200; ++k) {
     const double u = test::uniform(random, 0, 1), v = test::uniform(random, 0, 4);
@@ -160,21 +163,23 @@ TEST(SymbolicProduct, NormalPointsInwardAndVolumeIsPositive) {
     EXPECT_LT((p.p_W - d.S).norm(), 1e-12);
   }
   // Lateral part of the volume of a cylinder, integral of (x, y, 0)/2 over -S_u x S_v: pi R^2 h.
-  const NurbsSurface c = symbolic_product({band(10, 30), 0, 0, {0, 1}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25)});
+  const NurbsSurface c =
+      symbolic_product({band_between(10, 30), 0, 0, {0, 1}, {0, 4}, Eigen::MatrixXd::Constant(1, 1, 25)});
   double volume = 0;
   const int n = 4000;
   for (int k = 0; k < n; ++k) {
     const SurfaceDerivatives d = c.derivatives(0.5, 4 * (k + 0.5) / n);
     volume += Eigen::Vector3d(d.S.x(), d.S.y(), 0).dot(d.S_v.cross(d.S_u)) / 2 * 4 / n;
   }
-  EXPECT_NEAR(volume, kPi * 25 * 25 * 20, 5e-3);
+  EXPECT_NEAR(volume, pi * 25 * 25 * 20, 5e-3);
 }
 
 // Second derivatives of the surface give the same curvature as the range function's own formulas.
 TEST(SymbolicProduct, CurvatureOfTheSurfaceIsTheRangeFunctions) {
   std::mt19937_64 random(7);
-  const RangeFunction f = test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                                RangeSpace::over(3, BaseArcs::full_circle(), 3), band(0, 90), 2);
+  const RangeFunction f =
+      test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}), RangeSpace::over(3, BaseArcs::full_circle(), 3),
+                            band_between(0, 90), 2);
   const NurbsSurface s = symbolic_product(f);
   for (int k = 0; k < 100; ++k) {
     const double u = test::uniform(random, 0, 1), v = test::uniform(random, 0, 4);
@@ -198,7 +203,7 @@ TEST(SymbolicProduct, CurvatureDoesNotJumpAtTheMeridians) {
     for (const auto kind : {JointContinuity::curvature, JointContinuity::thesis}) {
       const RangeFunction f =
           test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                RangeSpace::over(q, BaseArcs::full_circle(), 4, kind), band(0, 90), 1);
+                                RangeSpace::over(q, BaseArcs::full_circle(), 4, kind), band_between(0, 90), 1);
       const NurbsSurface s = symbolic_product(f);
       double largest = 0;
       for (int j = 0; j < 4; ++j) largest = std::max(largest, std::abs(test::curvature_jump(s, 0.3, j, 1.0 / 512)));
@@ -215,7 +220,7 @@ TEST(SymbolicProduct, CurvatureDoesNotJumpAtTheMeridians) {
 TEST(SymbolicProduct, SeamIsOneColumnOfControlPoints) {
   std::mt19937_64 random(10);
   const RangeFunction f = test::random_function(random, RangeSpace::open(3, {0, 0.5, 1}),
-                                                RangeSpace::over(3, BaseArcs::full_circle(), 3), band(0, 90));
+                                                RangeSpace::over(3, BaseArcs::full_circle(), 3), band_between(0, 90));
   Eigen::MatrixXd c = f.coefficients();
   c.rightCols(1) *= 1 + 1e-13;
   const NurbsSurface s = symbolic_product({f.base(), 3, 3, f.knots_u(), f.knots_v(), c});
@@ -224,7 +229,7 @@ TEST(SymbolicProduct, SeamIsOneColumnOfControlPoints) {
 }
 
 TEST(SymbolicProduct, OpenSeamIsRefused) {
-  const RangeFunction f(band(0, 1), 0, 1, {0, 1}, {0, 0, 1, 2, 3, 4, 4},
+  const RangeFunction f(band_between(0, 1), 0, 1, {0, 1}, {0, 0, 1, 2, 3, 4, 4},
                         (Eigen::RowVectorXd(5) << 1, 1, 1, 1, 2).finished());
   EXPECT_THROW(symbolic_product(f), std::invalid_argument);
   EXPECT_THROW(symbolic_product(RangeFunction()), std::invalid_argument);

@@ -105,7 +105,7 @@ TEST(Symmetry, SectionsAndDistancesOfManyArcs) {
   EXPECT_LT(cut.centroid_mm.head<2>().norm(), 1e-11);
 }
 
-test::Shape lobed(int fold, double plane, double skew) {
+test::Shape lobed_shape(int fold, double plane, double skew) {
   return [=](double t, double z) {
     const double a = fold * (t - plane);
     return 30 + 2 * std::cos(a) * std::sin(kPi * z / 120) + std::cos(2 * a) + skew * std::sin(2 * a) + 0.03 * z;
@@ -114,7 +114,7 @@ test::Shape lobed(int fold, double plane, double skew) {
 
 // Noise falls with the root of the number of sectors, but for what other knots make of it.
 TEST(Symmetry, FitsKnowEveryOtherSector) {
-  const test::Shape truth = lobed(5, 0.4, 0);
+  const test::Shape truth = lobed_shape(5, 0.4, 0);
   test::MemoryStream noisy = test::scan(truth, {.profiles = 400, .rows = 150, .sigma = 0.05});
   const auto plain = fit_samples(noisy);
   ASSERT_TRUE(plain);
@@ -139,7 +139,7 @@ TEST(Symmetry, FitsKnowEveryOtherSector) {
 
 TEST(Symmetry, NoiseFreeBodiesAreRecovered) {
   for (const int fold : {1, 2, 3, 4, 7}) {
-    const test::Shape truth = lobed(fold, 0.3, 0);
+    const test::Shape truth = lobed_shape(fold, 0.3, 0);
     test::MemoryStream stream = test::scan(truth, {.profiles = 360, .rows = 120});
     const auto fit = fit_symmetric(stream, {fold, true, 0.3});
     ASSERT_TRUE(fit) << fold << fit.error().message;
@@ -187,7 +187,7 @@ TEST(Symmetry, SamplesAndCovariancesAreFolded) {
 TEST(Symmetry, TheMirrorPlaneIsFound) {
   for (const int fold : {1, 3, 6}) {
     test::MemoryStream stream =
-        test::scan(lobed(fold, 0.21, 0), {.profiles = 300, .rows = 100, .sigma = 0.05, .seed = 7});
+        test::scan(lobed_shape(fold, 0.21, 0), {.profiles = 300, .rows = 100, .sigma = 0.05, .seed = 7});
     const auto fit = fit_symmetric(stream, {fold, false, 0});
     ASSERT_TRUE(fit);
     const auto plane = find_mirror_plane(fit->function, fold);
