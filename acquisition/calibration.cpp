@@ -28,6 +28,8 @@ constexpr std::size_t kLargestCalibration = std::size_t{1} << 20;
 constexpr double kUnitTolerance = 1e-9;
 constexpr double kMostOffNominal = 0.70710678118654752;  // sine and cosine of 45 degrees
 constexpr int kMajor = 1, kMinor = 2;
+constexpr int kTags = 587;  // of the family tag36h11
+constexpr double kSmallestTag_mm = 0.5;
 constexpr const char* kFormat = "celadon-calibration";
 constexpr std::array<const char*, 5> kDistortionKeys{"k1", "k2", "p1", "p2", "k3"};
 
@@ -206,6 +208,41 @@ LiftAxis lift_of(Section& root) {
   return axis;
 }
 
+RimTag rim_tag_of(Section section) {
+  RimTag tag;
+  tag.number = section.integer("number", 0, kTags - 1);
+  const std::vector<Eigen::Vector3d> corners = section.vectors("corners_mm", 4);
+  std::copy(corners.begin(), corners.end(), tag.corners_mm.begin());
+  const double side = (tag.corners_mm[1] - tag.corners_mm[0]).norm();
+  if (!(side >= kSmallestTag_mm)) {
+    section.refuse(section.node("corners_mm"), "corners_mm",
+                   "make a tag " + number_text(side) + " mm wide, less than " + number_text(kSmallestTag_mm) +
+                       " mm; calibrate again");
+  }
+  tag.u_mm = section.uncertainty("u_mm");
+  section.finish();
+  return tag;
+}
+
+std::vector<RimTag> rim_tags_of(Section& root, const std::string& name, bool newer) {
+  const toml::node& found = root.node("rim_tag");
+  const auto* tables = found.as_array();
+  if (tables == nullptr || tables->empty() || !tables->is_array_of_tables()) {
+    root.refuse(found, "rim_tag", "is " + value_text(found) + " and must be one or more tables [[rim_tag]]");
+  }
+  std::vector<RimTag> tags;
+  for (std::size_t i = 0; i < tables->size(); ++i) {
+    const std::string path = "rim_tag[" + std::to_string(i) + "]";
+    const toml::table& table = *tables->get(i)->as_table();
+    tags.push_back(rim_tag_of({table, name, path, newer}));
+    const int number = tags.back().number;
+    if (std::count_if(tags.begin(), tags.end(), [&](const RimTag& tag) { return tag.number == number; }) > 1) {
+      root.refuse(table, path + ".number", "is " + std::to_string(number) + ", which an earlier tag has; calibrate again");
+    }
+  }
+  return tags;
+}
+
 CalibrationCovariance covariance_of(Section& root, const Calibration& calibration) {
   Section section = root.section("covariance");
   CalibrationCovariance out{section.texts("names"), {}};
@@ -274,6 +311,7 @@ Calibration calibration_of(const toml::table& table, const std::string& name) {
   time.finish();
   if (root.has("elevation")) out.elevation = elevation_of(root);
   if (root.has("lift")) out.lift = lift_of(root);
+  if (root.has("rim_tag")) out.rim_tags = rim_tags_of(root, name, newer);
   if (root.has("covariance")) out.covariance = covariance_of(root, out);
   root.finish();
   return out;
@@ -408,6 +446,15 @@ std::string format_calibration(const Calibration& calibration) {
     line("direction", vector_text(axis.direction));
     line("u_direction_rad", number_text(axis.u_direction_rad));
     line("scale", measured_text(axis.scale));
+  }
+
+  for (const RimTag& tag : calibration.rim_tags) {
+    out += "\n[[rim_tag]]\n";
+    line("number", std::to_string(tag.number));
+    out += "corners_mm = [\n";
+    for (const Eigen::Vector3d& corner : tag.corners_mm) out += "  " + vector_text(corner) + ",\n";
+    out += "]\n";
+    line("u_mm", number_text(tag.u_mm));
   }
 
   if (calibration.covariance) {

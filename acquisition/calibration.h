@@ -60,6 +60,14 @@ struct LiftAxis {
   Measured scale{1, 0};                                  ///< true height / reading of the axis
 };
 
+/// A fiducial on the platter's rim, an AprilTag of the family tag36h11: the corners of its black square in S at table
+/// angle 0, upper left, upper right, lower right, lower left of the upright tag.
+struct RimTag {
+  int number = 0;
+  std::array<Eigen::Vector3d, 4> corners_mm{};
+  double u_mm = 0;  ///< of each coordinate
+};
+
 /// Where elevation and rotary axis come nearest to each other: the centre of spherical samples.
 struct AxisCrossing {
   double z_mm = 0;    ///< of the point on the rotary axis
@@ -97,6 +105,7 @@ struct Calibration {
   TimeModel time;
   std::optional<ElevationAxis> elevation;  ///< nullopt: the machine has none, or it is not calibrated
   std::optional<LiftAxis> lift;            ///< likewise
+  std::vector<RimTag> rim_tags;            ///< empty: the platter has none, or nobody looked
   std::optional<CalibrationCovariance> covariance;
 };
 

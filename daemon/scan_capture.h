@@ -10,6 +10,7 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/laser_line.h"
+#include "daemon/datum_watch.h"
 #include "daemon/frame_feed.h"
 #include "daemon/laser_agreement.h"
 #include "daemon/profile_log.h"
@@ -44,6 +45,7 @@ struct CaptureTools {
   MomentGrid& sums;
   FirstLook& look;
   LaserAgreement& agreement;
+  DatumWatch& datum;
   ScanObserver& observer;
   const LaserTurn* turn = nullptr;  ///< the present one
   CaptureSoFar* so_far = nullptr;

@@ -8,10 +8,13 @@
 #include <cstdio>
 #include <functional>
 #include <future>
+#include <iterator>
 
 #include "acquisition/recording.h"
+#include "daemon/checks/datum_checks.h"
 #include "daemon/checks/self_checks.h"
 #include "daemon/dark_frame.h"
+#include "daemon/datum_watch.h"
 #include "daemon/export/cad_client.h"
 #include "daemon/frame_feed.h"
 #include "daemon/laser_agreement.h"
@@ -203,6 +206,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   MomentGrid sums(grid_for(task.request, *seen, equipment.volume));
   FirstLook look(sums);
   LaserAgreement agreement(sums.specification(), *lasers, task.request.profiles);
+  DatumWatch datum(equipment.calibration, equipment.camera.mode(), *lasers);
+  datum.at_rest(turns.front().seen.background, turns.front().seen.background_at_rad);
   clock.end("prepare");
 
   // Move, frame, line, profile, log, accumulate. The CAD helper starts meanwhile.
@@ -211,7 +216,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   auto cad = std::find(formats.begin(), formats.end(), ResultFormat::step) != formats.end()
                  ? CadWorker::start()
                  : tl::make_unexpected(std::string());
-  auto captured = turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, observer}, turns);
+  auto captured = turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, datum, observer}, turns);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
@@ -276,6 +281,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     warnings = fit->whole().warnings;
     notes.checks = self_checks(
         {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, notes.agreement_mm});
+    std::vector<SelfCheck> of_datum = datum_checks(datum.result(), equipment.calibration);
+    std::move(of_datum.begin(), of_datum.end(), std::back_inserter(notes.checks));
     notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);
     return fit;
   };

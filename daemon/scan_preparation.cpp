@@ -178,6 +178,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
   auto background = dark_background(feed, equipment.clock);
   if (!background) return tl::make_unexpected(background.error());
   preparation.background = std::move(*background);
+  preparation.background_at_rad = feed.status().angle_rad;
 
   if (auto on = feed.laser_on(); !on) return tl::make_unexpected(on.error());
   const CameraMode mode = equipment.camera.mode();
@@ -257,6 +258,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
       }
       if (dark.count() == kBackgroundFrames) continue;
       if (auto added = dark.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
+      preparation.background_at_rad = frame->info.table_angle_rad;
     } else if (!look || frame->info.use == FrameUse::look) {
       look = std::move(*frame);
     } else {

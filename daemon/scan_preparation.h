@@ -22,6 +22,7 @@ LineBrightness brightness_of(const std::vector<LineRow>& rows);
 /// What was learned before the scan.
 struct ScanPreparation {
   std::vector<std::uint8_t> background;  ///< mean of frames with the laser off, same mode and stride
+  double background_at_rad = 0;          ///< encoder's angle of the background
   double z_low_mm = 0, z_high_mm = 0;    ///< of the line on the object as it stands
   std::size_t samples = 0;               ///< of one profile
   LineBrightness line;                   ///< of the line on the object as it stands

@@ -342,6 +342,11 @@ Calibration DeviceModel::calibration() const {
   c.time.stamp_offset_ns = {-static_cast<double>(config_.camera.stamp_latency_ns), 1};
   c.time.exposure_factor = {-0.5, 1e-9};
   c.time.line_time_ns = {static_cast<double>(config_.camera.line_time_ns()), 1e-3};
+  const std::vector<PrintedCorner> corners = RimTags(config_.rim_tags).corners();
+  for (std::size_t k = 0; k + 3 < corners.size(); k += 4) {  // from the lower left on, against the clock
+    c.rim_tags.push_back(
+        {corners[k].id, {corners[k + 3].p, corners[k + 2].p, corners[k + 1].p, corners[k].p}, 1e-6});
+  }
   return c;
 }
 
