@@ -48,6 +48,7 @@ struct DeviceCapabilities {
   int axes = 1, lasers = 1;
   bool endless_rotation = true;
   double travel_rad = 0;         ///< 0 if endless
+  double travel_min_rad = 0;     ///< lowest angle, where not endless
   bool takes_jerk = false;       ///< moves may be S-curves
   bool stamped_by_host = false;  ///< position_time_us is when the sample was read, not when it was taken
   double encoder_resolution_rad = 0, max_speed_rad_per_s = 0, max_acceleration_rad_per_s2 = 0;
