@@ -75,7 +75,7 @@ RC_GTEST_PROP(TriangulationAtStops, a_point_that_was_projected_comes_back, ()) {
   const Vector3d p_W(40 * uniform(random), 40 * uniform(random), 60 + 50 * uniform(random));
   const Vector3d p_C = seen_at_stop(axes, p_W, theta, stop);
   const Vector3d normal = Vector3d(0.8, 0.3 * uniform(random), -0.5 + 0.2 * uniform(random)).normalized();
-  RC_PRE(p_C.z() > 100 && std::abs(normal.dot(p_C)) > 20);
+  RC_PRE(p_W.head<2>().norm() > 2 && p_C.z() > 100 && std::abs(normal.dot(p_C)) > 20);
   const Calibration c = through(axes, p_C, normal);
 
   const Profile profile = triangulated(c, stop, theta);
@@ -83,12 +83,14 @@ RC_GTEST_PROP(TriangulationAtStops, a_point_that_was_projected_comes_back, ()) {
   const double r = profile.r_mm[0], angle = profile.theta_rad[0];
   RC_ASSERT((Vector3d(r * std::cos(angle), r * std::sin(angle), profile.z_mm[0]) - p_W).norm() < 1e-9);
 
-  // The covariance is that of the position along the row, by differences of a quarter of a pixel.
-  const Profile before = triangulated(c, stop, theta, kColumn_px - 0.25f),
-                after = triangulated(c, stop, theta, kColumn_px + 0.25f);
+  // The covariance is that of the position along the row, by differences over a 16th of a pixel.
+  constexpr float kStep_px = 1.f / 32;
+  constexpr double kBySigma = 0.5 / (2 * kStep_px);
+  const Profile before = triangulated(c, stop, theta, kColumn_px - kStep_px),
+                after = triangulated(c, stop, theta, kColumn_px + kStep_px);
   RC_ASSERT(before.size() == 1u && after.size() == 1u);
-  const double dr = after.r_mm[0] - before.r_mm[0], dz = after.z_mm[0] - before.z_mm[0];
-  const double dt = std::remainder(after.theta_rad[0] - before.theta_rad[0], 2 * std::numbers::pi);
+  const double dr = kBySigma * (after.r_mm[0] - before.r_mm[0]), dz = kBySigma * (after.z_mm[0] - before.z_mm[0]);
+  const double dt = kBySigma * std::remainder(after.theta_rad[0] - before.theta_rad[0], 2 * std::numbers::pi);
   const SampleCovariance& C = profile.covariance[0];
   const auto near = [](double stated, double wanted, double size) { return std::abs(stated - wanted) <= 1e-3 * size; };
   RC_ASSERT(near(C.rr, dr * dr, dr * dr + 1e-6));
