@@ -10,6 +10,7 @@
 #include <cstring>
 #include <memory>
 #include <set>
+#include <stdexcept>
 #include <string_view>
 #include <system_error>
 
@@ -345,6 +346,20 @@ Eigen::Isometry3d head_turn(const ElevationAxis& elevation, double reading_rad) 
   Eigen::Isometry3d out = Eigen::Isometry3d::Identity();
   out.linear() = Eigen::AngleAxisd(elevation.scale.value * reading_rad, elevation.direction).toRotationMatrix();
   out.translation() = elevation.origin_mm - out.linear() * elevation.origin_mm;
+  return out;
+}
+
+Eigen::Affine3d camera_to_object(const Calibration& calibration, const AxisStop& stop) {
+  Eigen::Affine3d out(calibration.axis.X_CW.inverse());
+  out.prescale(calibration.scale.value);
+  if (stop.elevation_rad != 0) {
+    if (!calibration.elevation) throw std::invalid_argument("camera_to_object: no elevation axis is calibrated");
+    out = head_turn(*calibration.elevation, stop.elevation_rad) * out;
+  }
+  if (stop.lift_mm != 0) {
+    if (!calibration.lift) throw std::invalid_argument("camera_to_object: no lift axis is calibrated");
+    out.pretranslate(-calibration.lift->scale.value * stop.lift_mm * calibration.lift->direction);
+  }
   return out;
 }
 

@@ -12,6 +12,8 @@
 
 #include <tl/expected.hpp>
 
+#include "acquisition/axis_stop.h"
+
 namespace celadon {
 
 /// A number and its standard uncertainty (same unit).
@@ -112,6 +114,11 @@ struct Calibration {
 struct CalibrationError {
   std::string message;
 };  ///< names file, line or field, value and remedy
+
+/// From the camera to the object's frame at table angle 0, true mm (lengths times the scale): p_W(0) = M p_C + t, so
+/// that p_W = R_z(-theta) p_W(0). At lift 0 the object's frame is the scanner's.
+/// @throws std::invalid_argument for a stop off 0 of an axis that the calibration lacks
+Eigen::Affine3d camera_to_object(const Calibration& calibration, const AxisStop& stop);
 
 tl::expected<Calibration, CalibrationError> read_calibration(const std::filesystem::path& file);
 tl::expected<Calibration, CalibrationError> parse_calibration(const std::string& text, const std::string& name);

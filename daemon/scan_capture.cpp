@@ -88,6 +88,8 @@ class Intake {
         previous_(rows_.size()) {
     profile_.laser = static_cast<std::uint8_t>(tools.turn->laser);
     share_.laser = tools.turn->laser;
+    share_.stop = tools.turn->stop;
+    tools.log.append(LogStop{share_.stop});
   }
 
   /// @param turned_rad  true angle since the start of the turn, 0 .. 2 pi for the fit, beyond it for the closure test
@@ -319,7 +321,7 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
     if (!frame) return tl::make_unexpected(stop_of(frame.error()));
     const FrameInfo info = frame->info;
     if (info.use != FrameUse::turn && info.use != FrameUse::overlap) continue;
-    if (!is_of_laser(camera, info, tools.turn->laser)) continue;
+    if (!is_of_turn(camera, info, tools.turn->laser, tools.turn->stop)) continue;
     if (!start) start = info.table_angle_rad;
     // Recordings may turn either way.
     double turned = std::abs(info.table_angle_rad - *start) / turn.encoder_per_true;

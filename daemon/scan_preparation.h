@@ -7,6 +7,7 @@
 
 #include <tl/expected.hpp>
 
+#include "acquisition/axis_stop.h"
 #include "acquisition/laser_line.h"
 #include "daemon/frame_feed.h"
 #include "daemon/scan_job.h"
@@ -39,14 +40,15 @@ tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& fee
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
                                                        const Triangulator& triangulator);
 
-/// Which of the looks with a laser: those that fixed what is worked on, or the ones that its own turn followed.
+/// Which of the looks with a laser at a stop: those that fixed what is worked on, or the ones that its own turn
+/// followed.
 enum class RecordedLook { before_all_turns, before_its_turn };
 /// The same of a recording, which it starts from its first frame: background from the laser's frames with the laser off
 /// (none: empty), the object from its last look, else from the first frame of its turn.
 tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment,
                                                           const Triangulator& triangulator, int laser,
-                                                          RecordedLook which);
-/// Whether a recorded frame belongs to a laser's turn; in a recording that does not say, each does.
-bool is_of_laser(const FrameSource& camera, const FrameInfo& frame, int laser);
+                                                          const AxisStop& stop, RecordedLook which);
+/// Whether a recorded frame belongs to a laser's turn at a stop; in a recording that does not say, each does.
+bool is_of_turn(const FrameSource& camera, const FrameInfo& frame, int laser, const AxisStop& stop);
 
 }  // namespace celadon

@@ -13,6 +13,7 @@
 #include "daemon/frame_feed.h"
 #include "daemon/safe_on_exit.h"
 #include "daemon/scan_preparation.h"
+#include "daemon/scan_stops.h"
 
 namespace celadon {
 namespace {
@@ -101,6 +102,8 @@ class Session final : public ScanObserver {
     ScanTask task;
     task.request.exposure_ms = plan_.exposure_ms;
     if (auto ready = make_device_ready(equipment_, task, *this); !ready) return Stop(ready.error());
+    // What is calibrated is the machine with its other axes at 0.
+    if (auto brought = bring_axes_to({}, device_, nothing_known_); !brought) return Stop(brought.error());
     auto feed = FrameFeed::start(equipment_, *this, triangulator_, 0);
     if (!feed) return Stop(feed.error());
     feed_ = std::move(*feed);

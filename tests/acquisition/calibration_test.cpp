@@ -190,7 +190,7 @@ TEST(Calibration, older_minor_versions_are_read) {
 std::string with_axes(const std::string& from, const std::string& to) {
   Calibration c = test_calibration();
   c.elevation = ElevationAxis{{0.25, -0.5, 41}, {0.6, 0.8, 0}, 1e-4, 0.02, {0.999, 3e-4}};
-  c.lift = LiftAxis{{0.6, 0, 0.8}, 2e-4, {1.001, 5e-5}};
+  c.lift = LiftAxis{{0.6, 0, 0.8}, 2e-4, {1.0021, 5e-5}};
   std::string text = format_calibration(c);
   const std::size_t at = text.find(from);
   EXPECT_NE(at, std::string::npos) << from << text;
@@ -211,7 +211,7 @@ TEST(Calibration, axes_that_cannot_be_are_refused) {
   EXPECT_THAT(refusal(with_axes("direction = [0.6, 0.0, 0.8]", "direction = [0.6, 0.0, -0.8]")), HasSubstr("z = -0.8"));
   EXPECT_THAT(refusal(with_axes("scale = { value = 0.999", "scale = { value = -0.999")),
               AllOf(HasSubstr("elevation.scale.value"), HasSubstr("above 0")));
-  EXPECT_THAT(refusal(with_axes("scale = { value = 1.001", "scale = { value = 0.0")), HasSubstr("lift.scale.value"));
+  EXPECT_THAT(refusal(with_axes("scale = { value = 1.0021", "scale = { value = 0.0")), HasSubstr("lift.scale.value"));
   EXPECT_THAT(refusal(with_axes("u_origin_mm = 0.02", "u_origin_mm = -0.02")),
               AllOf(HasSubstr("elevation.u_origin_mm"), HasSubstr("negative")));
   EXPECT_THAT(refusal(with_axes("u_origin_mm = 0.02\n", "")), AllOf(HasSubstr("u_origin_mm"), HasSubstr("missing")));
