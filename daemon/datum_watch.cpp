@@ -11,21 +11,30 @@ namespace {
 
 constexpr double kBeyondObject_mm = 3;
 constexpr double kLargestRadius_mm = 511;  // of those that are told apart
-constexpr double kStrays = 1e-3;  // share of the samples
+constexpr double kStrays = 1e-3;           // share of the samples
 constexpr std::size_t kEnoughTags = 3;
+
+/// The calibration as if its head always stood like that, and the table so high: z = 0 is the platter there, too.
+Calibration standing_at(Calibration calibration, const AxisStop& stop) {
+  const Eigen::Affine3d X_WC = camera_to_object(calibration, stop);
+  calibration.axis.X_CW.linear() = (X_WC.linear() / calibration.scale.value).transpose();
+  calibration.axis.X_CW.translation() = -calibration.axis.X_CW.linear() * X_WC.translation() / calibration.scale.value;
+  return calibration;
+}
 
 }  // namespace
 
-DatumWatch::DatumWatch(const Calibration& calibration, const CameraMode& mode, std::span<const int> lasers)
-    : calibration_(calibration), mode_(mode) {
-  if (!calibration.rim_tags.empty()) tracker_ = std::make_unique<RimTagTracker>(calibration);
+DatumWatch::DatumWatch(const Calibration& calibration, const CameraMode& mode, std::span<const int> lasers,
+                       const AxisStop& stop)
+    : calibration_(standing_at(calibration, stop)), mode_(mode) {
+  if (!calibration.rim_tags.empty()) tracker_ = std::make_unique<RimTagTracker>(calibration_);
   for (const int shining : lasers) {
     const auto lit = std::find_if(calibration.lasers.begin(), calibration.lasers.end(),
                                   [&](const LaserPlane& plane) { return plane.laser == shining; });
     if (lit == calibration.lasers.end()) continue;
     for (const LaserPlane& plane : calibration.lasers) {
       // A line is searched along rows or columns as its own laser's asks for.
-      lines_.push_back({shining, PlatterLine(calibration, plane.laser, line_along(*lit))});
+      lines_.push_back({shining, PlatterLine(calibration_, plane.laser, line_along(*lit))});
     }
   }
 }

@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "acquisition/axis_stop.h"
 #include "acquisition/calibration.h"
 #include "acquisition/datum/datum_solver.h"
 #include "acquisition/datum/platter_line.h"
@@ -35,7 +36,9 @@ struct DatumEvidence {
 
 class DatumWatch {
  public:
-  DatumWatch(const Calibration& calibration, const CameraMode& mode, std::span<const int> lasers);
+  /// @param stop  where head and lift stand in the turns that are watched
+  DatumWatch(const Calibration& calibration, const CameraMode& mode, std::span<const int> lasers,
+             const AxisStop& stop = {});
   ~DatumWatch();
 
   /// A picture with the laser off before the turn.

@@ -225,7 +225,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   MomentGrid sums(grid_for(task.request, *seen, equipment.volume));
   FirstLook look(sums);
   LaserAgreement agreement(sums.specification(), *lasers, task.request.profiles);
-  DatumWatch datum(equipment.calibration, equipment.camera.mode(), *lasers);
+  DatumWatch datum(equipment.calibration, equipment.camera.mode(), *lasers, turns.front().stop);
   datum.at_rest(turns.front().seen.background, turns.front().seen.background_at_rad);
   clock.end("prepare");
 
@@ -235,7 +235,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   auto cad = std::find(formats.begin(), formats.end(), ResultFormat::step) != formats.end()
                  ? CadWorker::start()
                  : tl::make_unexpected(std::string());
-  auto captured = turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, datum, observer}, turns);
+  auto captured =
+      turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, datum, observer}, turns);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
