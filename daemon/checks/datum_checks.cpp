@@ -47,10 +47,15 @@ void add_tag_checks(std::vector<SelfCheck>& checks, const DatumEvidence& evidenc
   constexpr const char* kTurn = "deg/turn";
   const std::pair<const char*, const char*> names[] = {
       {"datum_turn", kTurn}, {"datum_angle", "deg"}, {"datum_time", "ms"}, {"datum_camera", "px"}};
-  std::string why;
   if (!evidence.has_tags) {
-    why = "the calibration knows no fiducials on the platter; put some on its rim and calibrate";
-  } else if (!evidence.reading || evidence.frames_with_tags < kShareOfFrames * evidence.frames) {
+    checks.push_back(
+        not_seen("datum", "px",
+                 "the calibration knows no fiducials on the platter, so that nothing watched table, camera "
+                 "and clocks; put some on its rim and calibrate"));
+    return;
+  }
+  std::string why;
+  if (!evidence.reading || evidence.frames_with_tags < kShareOfFrames * evidence.frames) {
     why = text(
         "three fiducials or more were recognised in %d of %d frames: too few; light the platter, and keep its "
         "rim free",

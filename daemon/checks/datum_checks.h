@@ -10,7 +10,8 @@
 namespace celadon {
 
 /// "datum_turn", "datum_angle", "datum_time", "datum_camera", and "datum_laser N" for each laser of the scan, in this
-/// order. Limits: README.md, "Self-checks".
+/// order; in place of the first four "datum", not verifiable, where the calibration knows no fiducials. Limits:
+/// README.md, "Self-checks".
 std::vector<SelfCheck> datum_checks(const DatumEvidence& evidence, const Calibration& calibration);
 
 }  // namespace celadon
