@@ -313,7 +313,7 @@ TEST(ProfileLog, SaysWhatIsNoLog) {
   EXPECT_NE(message(golden().substr(0, 20)).find("no readable header"), std::string::npos);
   std::string other = golden();
   other[8] = 2;
-  EXPECT_NE(message(other).find("version is 2.1"), std::string::npos);
+  EXPECT_NE(message(other).find("version is 2.2"), std::string::npos);
   EXPECT_FALSE(ProfileLogReader::open(folder.path()));
   EXPECT_FALSE(ProfileLogReader::open(folder / "absent"));
 }

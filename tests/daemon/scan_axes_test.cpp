@@ -141,17 +141,17 @@ TEST(ScanAxes, SamplesOfEveryStopLieOnTheObject) {
   }
 }
 
-/// An egg whose top is in reach of a raised head only; its middle is not where the axes cross.
-double egg(double, double z_mm) {
-  const double up = (z_mm - 53) / 42, square = 1 - up * up;
+/// A bun whose nearly flat top is in reach of a raised head only; its middle is not where the axes cross.
+double bun(double, double z_mm) {
+  const double square = 1 - std::pow((z_mm - 53) / 42, 8);
   return square > 0 ? 35 * std::sqrt(square) : 0;
 }
 
 TEST(ScanAxes, ARaisedHeadSeesMoreOfTheTopAboutTheCrossing) {
-  std::vector<double> coverage, highest_mm;
+  std::vector<double> coverage;
   for (const std::vector<double>& elevations : {std::vector<double>{0}, {0, 55}}) {
     FakeMachine machine(0, 0, true);
-    machine.shape = egg;
+    machine.shape = bun;
     const TemporaryFolder folder;
     ScanTask task = task_at(folder, elevations, {});
     task.request.shape = "sphere";
@@ -165,24 +165,18 @@ TEST(ScanAxes, ARaisedHeadSeesMoreOfTheTopAboutTheCrossing) {
     EXPECT_EQ(surface["base"]["kind"], "sphere");
     EXPECT_NEAR(surface["base"]["frame"]["origin"][2], crossing_of(*calibration.elevation).z_mm, 1e-9);
     coverage.push_back(report["coverage"]);
-    double highest = 0;
-    for (const auto& [stop, profile] : stopped_profiles(task.log_file)) {
-      for (const double z : profile.z_mm) highest = std::max(highest, z);
-    }
-    highest_mm.push_back(highest);
   }
-  EXPECT_GT(coverage[1], coverage[0]);
-  EXPECT_GT(highest_mm[1], highest_mm[0] + 1);
+  EXPECT_GT(coverage[1], coverage[0] + 0.01);
 }
 
 TEST(ScanAxes, ACalibrationThatTurnsTheHeadWronglyShowsInTheErrors) {
-  // What the tests above rest on: 1 % of the elevation puts the samples of the raised head elsewhere.
+  // What the tests above rest on: 5 % of the elevation puts the samples of the raised head elsewhere.
   FakeMachine machine(0, 0, true);
   const TemporaryFolder folder;
   const ScanTask task = task_at(folder, {25}, {});
   Onlooker onlooker;
   Calibration wrong = machine.calibration(1);
-  wrong.elevation->scale.value *= 1.01;
+  wrong.elevation->scale.value *= 1.05;
   const auto outcome = scan_of(machine, wrong, task, onlooker);
   double worst = 0;
   for (const auto& [stop, profile] : stopped_profiles(task.log_file)) {
