@@ -10,6 +10,7 @@
 #include <cstring>
 #include <memory>
 #include <set>
+#include <stdexcept>
 #include <string_view>
 #include <system_error>
 
@@ -26,7 +27,10 @@ using namespace checked_toml;
 
 constexpr std::size_t kLargestCalibration = std::size_t{1} << 20;
 constexpr double kUnitTolerance = 1e-9;
-constexpr int kMajor = 1, kMinor = 1;
+constexpr double kMostOffNominal = 0.70710678118654752;  // sine and cosine of 45 degrees
+constexpr int kMajor = 1, kMinor = 2;
+constexpr int kTags = 587;  // of the family tag36h11
+constexpr double kSmallestTag_mm = 0.5;
 constexpr const char* kFormat = "celadon-calibration";
 constexpr std::array<const char*, 5> kDistortionKeys{"k1", "k2", "p1", "p2", "k3"};
 
@@ -103,16 +107,21 @@ CameraModel camera_of(Section& root) {
   return camera;
 }
 
-LaserPlane laser_of(Section section) {
-  LaserPlane plane;
-  plane.laser = section.integer("number", 0, 255);
-  plane.normal_C = section.vector("normal");
-  if (const double length = plane.normal_C.norm(); !(std::abs(length - 1) <= kUnitTolerance)) {
-    section.refuse(section.node("normal"), "normal",
+Eigen::Vector3d unit_vector_of(Section& section, const char* key) {
+  const Eigen::Vector3d out = section.vector(key);
+  if (const double length = out.norm(); !(std::abs(length - 1) <= kUnitTolerance)) {
+    section.refuse(section.node(key), key,
                    "has length " + number_text(length) +
                        " and must have length 1 within 1e-9; divide it by its length "
                        "and write all its digits");
   }
+  return out;
+}
+
+LaserPlane laser_of(Section section) {
+  LaserPlane plane;
+  plane.laser = section.integer("number", 0, 255);
+  plane.normal_C = unit_vector_of(section, "normal");
   plane.distance_mm = section.number("distance_mm");
   if (std::abs(plane.distance_mm) < 1e-3) {
     section.refuse(section.node("distance_mm"), "distance_mm",
@@ -164,6 +173,75 @@ AxisPose axis_of(Section& root) {
   axis.u_position_mm = section.uncertainty("u_position_mm");
   section.finish();
   return axis;
+}
+
+ElevationAxis elevation_of(Section& root) {
+  Section section = root.section("elevation");
+  ElevationAxis axis;
+  axis.origin_mm = section.vector("origin_mm");
+  axis.direction = unit_vector_of(section, "direction");
+  if (const double up = axis.direction.z(); std::abs(up) > kMostOffNominal) {
+    section.refuse(section.node("direction"), "direction",
+                   "has z = " + number_text(up) +
+                       ", more than 45 degrees from horizontal, so that it cannot raise the head; calibrate the "
+                       "elevation axis again");
+  }
+  axis.u_direction_rad = section.uncertainty("u_direction_rad");
+  axis.u_origin_mm = section.uncertainty("u_origin_mm");
+  axis.scale = section.positive("scale");
+  section.finish();
+  return axis;
+}
+
+LiftAxis lift_of(Section& root) {
+  Section section = root.section("lift");
+  LiftAxis axis;
+  axis.direction = unit_vector_of(section, "direction");
+  if (const double up = axis.direction.z(); up < kMostOffNominal) {
+    section.refuse(section.node("direction"), "direction",
+                   "has z = " + number_text(up) +
+                       ", more than 45 degrees from the rotary axis, so that it does not raise the table; calibrate "
+                       "the lift axis again");
+  }
+  axis.u_direction_rad = section.uncertainty("u_direction_rad");
+  axis.scale = section.positive("scale");
+  section.finish();
+  return axis;
+}
+
+RimTag rim_tag_of(Section section) {
+  RimTag tag;
+  tag.number = section.integer("number", 0, kTags - 1);
+  const std::vector<Eigen::Vector3d> corners = section.vectors("corners_mm", 4);
+  std::copy(corners.begin(), corners.end(), tag.corners_mm.begin());
+  const double side = (tag.corners_mm[1] - tag.corners_mm[0]).norm();
+  if (!(side >= kSmallestTag_mm)) {
+    section.refuse(section.node("corners_mm"), "corners_mm",
+                   "make a tag " + number_text(side) + " mm wide, less than " + number_text(kSmallestTag_mm) +
+                       " mm; calibrate again");
+  }
+  tag.u_mm = section.uncertainty("u_mm");
+  section.finish();
+  return tag;
+}
+
+std::vector<RimTag> rim_tags_of(Section& root, const std::string& name, bool newer) {
+  const toml::node& found = root.node("rim_tag");
+  const auto* tables = found.as_array();
+  if (tables == nullptr || tables->empty() || !tables->is_array_of_tables()) {
+    root.refuse(found, "rim_tag", "is " + value_text(found) + " and must be one or more tables [[rim_tag]]");
+  }
+  std::vector<RimTag> tags;
+  for (std::size_t i = 0; i < tables->size(); ++i) {
+    const std::string path = "rim_tag[" + std::to_string(i) + "]";
+    const toml::table& table = *tables->get(i)->as_table();
+    tags.push_back(rim_tag_of({table, name, path, newer}));
+    const int number = tags.back().number;
+    if (std::count_if(tags.begin(), tags.end(), [&](const RimTag& tag) { return tag.number == number; }) > 1) {
+      root.refuse(table, path + ".number", "is " + std::to_string(number) + ", which an earlier tag has; calibrate again");
+    }
+  }
+  return tags;
 }
 
 CalibrationCovariance covariance_of(Section& root, const Calibration& calibration) {
@@ -232,6 +310,9 @@ Calibration calibration_of(const toml::table& table, const std::string& name) {
   Section time = root.section("time");
   out.time = {time.measured("stamp_offset_ns"), time.measured("exposure_factor"), time.measured("line_time_ns")};
   time.finish();
+  if (root.has("elevation")) out.elevation = elevation_of(root);
+  if (root.has("lift")) out.lift = lift_of(root);
+  if (root.has("rim_tag")) out.rim_tags = rim_tags_of(root, name, newer);
   if (root.has("covariance")) out.covariance = covariance_of(root, out);
   root.finish();
   return out;
@@ -250,6 +331,37 @@ tl::unexpected<CalibrationError> error(std::string message) {
 }
 
 }  // namespace
+
+AxisCrossing crossing_of(const ElevationAxis& elevation) {
+  // The point (0, 0, z) whose part across the line, P (z e_z - o) with P = 1 - d d^T, is shortest.
+  const Eigen::Vector3d &o = elevation.origin_mm, &d = elevation.direction;
+  AxisCrossing out;
+  out.z_mm = (o.z() - d.z() * d.dot(o)) / (1 - d.z() * d.z());
+  const Eigen::Vector3d between = out.z_mm * Eigen::Vector3d::UnitZ() - o;
+  out.gap_mm = (between - d * d.dot(between)).norm();
+  return out;
+}
+
+Eigen::Isometry3d head_turn(const ElevationAxis& elevation, double reading_rad) {
+  Eigen::Isometry3d out = Eigen::Isometry3d::Identity();
+  out.linear() = Eigen::AngleAxisd(elevation.scale.value * reading_rad, elevation.direction).toRotationMatrix();
+  out.translation() = elevation.origin_mm - out.linear() * elevation.origin_mm;
+  return out;
+}
+
+Eigen::Affine3d camera_to_object(const Calibration& calibration, const AxisStop& stop) {
+  Eigen::Affine3d out(calibration.axis.X_CW.inverse());
+  out.prescale(calibration.scale.value);
+  if (stop.elevation_rad != 0) {
+    if (!calibration.elevation) throw std::invalid_argument("camera_to_object: no elevation axis is calibrated");
+    out = head_turn(*calibration.elevation, stop.elevation_rad) * out;
+  }
+  if (stop.lift_mm != 0) {
+    if (!calibration.lift) throw std::invalid_argument("camera_to_object: no lift axis is calibrated");
+    out.pretranslate(-calibration.lift->scale.value * stop.lift_mm * calibration.lift->direction);
+  }
+  return out;
+}
 
 tl::expected<Calibration, CalibrationError> read_calibration(const std::filesystem::path& file) {
   const std::string name = "calibration " + file.string();
@@ -333,6 +445,32 @@ std::string format_calibration(const Calibration& calibration) {
   line("stamp_offset_ns", measured_text(calibration.time.stamp_offset_ns));
   line("exposure_factor", measured_text(calibration.time.exposure_factor));
   line("line_time_ns", measured_text(calibration.time.line_time_ns));
+
+  if (calibration.elevation) {
+    const ElevationAxis& axis = *calibration.elevation;
+    out += "\n[elevation]\n";
+    line("origin_mm", vector_text(axis.origin_mm));
+    line("direction", vector_text(axis.direction));
+    line("u_direction_rad", number_text(axis.u_direction_rad));
+    line("u_origin_mm", number_text(axis.u_origin_mm));
+    line("scale", measured_text(axis.scale));
+  }
+  if (calibration.lift) {
+    const LiftAxis& axis = *calibration.lift;
+    out += "\n[lift]\n";
+    line("direction", vector_text(axis.direction));
+    line("u_direction_rad", number_text(axis.u_direction_rad));
+    line("scale", measured_text(axis.scale));
+  }
+
+  for (const RimTag& tag : calibration.rim_tags) {
+    out += "\n[[rim_tag]]\n";
+    line("number", std::to_string(tag.number));
+    out += "corners_mm = [\n";
+    for (const Eigen::Vector3d& corner : tag.corners_mm) out += "  " + vector_text(corner) + ",\n";
+    out += "]\n";
+    line("u_mm", number_text(tag.u_mm));
+  }
 
   if (calibration.covariance) {
     const CalibrationCovariance& covariance = *calibration.covariance;

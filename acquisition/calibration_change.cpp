@@ -63,6 +63,49 @@ Change axis_change(std::string_view name) {
   return {};
 }
 
+/// Across a direction: u is z less its part along it, v = direction x u.
+std::pair<Vector3d, Vector3d> across(const Vector3d& direction) {
+  const Vector3d up = (Vector3d::UnitZ() - direction * direction.z()).normalized();
+  return {up, direction.cross(up)};
+}
+
+Change elevation_change(const Calibration& calibration, std::string_view name) {
+  if (!calibration.elevation) return {};
+  const auto tilt = [](bool up) -> Change {
+    return [up](Calibration& c, double step) {
+      Vector3d& d = c.elevation->direction;
+      const auto [u, v] = across(d);
+      d = (d + step * (up ? u : v)).normalized();
+    };
+  };
+  const auto shift = [](bool up) -> Change {
+    return [up](Calibration& c, double step) {
+      const auto [u, v] = across(c.elevation->direction);
+      c.elevation->origin_mm += step * (up ? u : v);
+    };
+  };
+  if (name == "elevation.tilt_up_rad") return tilt(true);
+  if (name == "elevation.tilt_across_rad") return tilt(false);
+  if (name == "elevation.up_mm") return shift(true);
+  if (name == "elevation.across_mm") return shift(false);
+  if (name == "elevation.scale") return [](Calibration& c, double step) { c.elevation->scale.value += step; };
+  return {};
+}
+
+Change lift_change(const Calibration& calibration, std::string_view name) {
+  if (!calibration.lift) return {};
+  const auto tilt = [](const Vector3d& towards) -> Change {
+    return [towards](Calibration& c, double step) {
+      Vector3d& d = c.lift->direction;
+      d = (d + step * towards).normalized();
+    };
+  };
+  if (name == "lift.tilt_x_rad") return tilt(Vector3d::UnitX());
+  if (name == "lift.tilt_y_rad") return tilt(Vector3d::UnitY());
+  if (name == "lift.scale") return [](Calibration& c, double step) { c.lift->scale.value += step; };
+  return {};
+}
+
 Change laser_change(const Calibration& calibration, std::string_view name) {
   constexpr std::string_view kPrefix = "laser";
   if (!name.starts_with(kPrefix)) return {};
@@ -84,6 +127,8 @@ Change laser_change(const Calibration& calibration, std::string_view name) {
 Change change_of(const Calibration& calibration, const std::string& name) {
   if (Change change = camera_change(name)) return change;
   if (Change change = axis_change(name)) return change;
+  if (Change change = elevation_change(calibration, name)) return change;
+  if (Change change = lift_change(calibration, name)) return change;
   return laser_change(calibration, name);
 }
 

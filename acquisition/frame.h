@@ -11,6 +11,8 @@
 
 #include <tl/expected.hpp>
 
+#include "acquisition/axis_stop.h"
+
 namespace celadon {
 
 enum class PixelFormat : std::uint32_t { grey8 = 1, yuyv = 2 };
@@ -59,6 +61,7 @@ struct FrameInfo {
   double table_angle_rad = 0, table_angle_sigma_rad = 0, table_speed_rad_per_s = 0;
   bool laser_on = true;
   int laser = 0;  ///< whose turn the frame belongs to, its background and looks too
+  AxisStop stop;  ///< of that turn
   FrameUse use = FrameUse::turn;
 };
 
@@ -68,6 +71,8 @@ struct RecordedScan {
   std::string mode;              ///< "step", "sweep"
   int profiles = 0;              ///< a turn
   std::vector<int> lasers = {};  ///< in the order of their turns; empty: one, and the recording does not say which
+  std::vector<AxisStop> stops =
+      {};  ///< where the axes stood, in the order of the turns; at each, a turn with each laser
 };
 
 /// A device or system fault of a camera: one sentence with operation, device, cause, errno and the remedy.

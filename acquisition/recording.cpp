@@ -25,8 +25,8 @@ constexpr std::string_view kColumns = "file,table_angle_deg,stamp_ns,exposure_ns
 constexpr std::size_t kMostFrames = 10'000'000;
 constexpr double kRadPerDeg = std::numbers::pi / 180;
 constexpr std::array<std::string_view, 4> kUses{"background", "look", "turn", "overlap"};
-constexpr std::size_t kFields_1_0 = 5, kFields_1_1 = 9, kFields_1_2 = 10;
-constexpr unsigned kMinor = 2;  // the newest that is known
+constexpr std::size_t kFields_1_0 = 5, kFields_1_1 = 9, kFields_1_2 = 10, kFields_1_3 = 12;
+constexpr unsigned kMinor = 3;  // the newest that is known
 constexpr int kMostLaser = 255;
 
 struct Refusal {
@@ -165,10 +165,11 @@ class IndexReader {
   void read_frame(std::string_view line) {
     const auto fields = fields_of(line);
     const bool known = fields.size() == kFields_1_0 || (fields.size() == kFields_1_1 && minor_ >= 1) ||
-                       (fields.size() == kFields_1_2 && minor_ >= 2);
-    if (!known && !(minor_ > kMinor && fields.size() > kFields_1_2)) {
+                       (fields.size() == kFields_1_2 && minor_ >= 2) || (fields.size() == kFields_1_3 && minor_ >= 3);
+    if (!known && !(minor_ > kMinor && fields.size() > kFields_1_3)) {
       refuse("there are " + std::to_string(fields.size()) + " fields and must be 5" +
-                 (minor_ >= 2   ? ", 9 or 10"
+                 (minor_ >= 3   ? ", 9, 10 or 12"
+                  : minor_ == 2 ? ", 9 or 10"
                   : minor_ == 1 ? " or 9"
                                 : ""),
              "correct or remove the line");
@@ -211,6 +212,11 @@ class IndexReader {
     frame.use = fields[4] == "1" ? FrameUse::turn : FrameUse::background;
     if (fields.size() >= kFields_1_1) read_use(fields, frame);
     if (fields.size() >= kFields_1_2) read_laser(fields[kFields_1_2 - 1], frame);
+    if (fields.size() >= kFields_1_3) read_stop(fields, frame);
+    auto& stops = index_.scan.stops;
+    if (frame.use == FrameUse::turn && std::find(stops.begin(), stops.end(), frame.stop) == stops.end()) {
+      stops.push_back(frame.stop);
+    }
     index_.frames.push_back(std::move(frame));
   }
 
@@ -247,6 +253,16 @@ class IndexReader {
     }
   }
 
+  void read_stop(const std::vector<std::string_view>& fields, RecordedFrame& frame) const {
+    const auto elevation = number_of<double>(fields[kFields_1_2]), lift = number_of<double>(fields[kFields_1_2 + 1]);
+    if (!elevation || !lift || !std::isfinite(*elevation) || !std::isfinite(*lift)) {
+      refuse("the elevation and the lift, " + quote(fields[kFields_1_2]) + ", " + quote(fields[kFields_1_2 + 1]) +
+                 ", must be finite numbers of radians and mm",
+             "correct the line");
+    }
+    frame.stop = {*elevation, *lift};
+  }
+
   std::string_view rest_;
   std::string name_;
   int line_ = 0;
@@ -272,7 +288,7 @@ tl::expected<RecordingIndex, std::string> parse_recording_index(const std::strin
 
 std::string format_recording_index(const RecordingIndex& index) {
   static constexpr std::array<const char*, 3> kColours{"red", "green", "luma"};
-  std::string out = std::string(kFirstLine) + "1.2\ncamera," + index.camera + "\nsimulated," +
+  std::string out = std::string(kFirstLine) + "1.3\ncamera," + index.camera + "\nsimulated," +
                     (index.simulated ? "1" : "0") + "\nshutter," +
                     (index.shutter == Shutter::rolling ? "rolling" : "global") + "\ncolour," +
                     kColours.at(static_cast<std::size_t>(index.colour)) + "\n";
@@ -289,7 +305,8 @@ std::string format_recording_index(const RecordingIndex& index) {
            "," + std::to_string(frame.exposure_ns) + (frame.use == FrameUse::background ? ",0," : ",1,") +
            std::string(kUses.at(static_cast<std::size_t>(frame.use))) + "," + number_text(frame.table_angle_rad) + "," +
            number_text(frame.table_angle_sigma_rad) + "," + number_text(frame.table_speed_rad_per_s) + "," +
-           std::to_string(frame.laser) + "\n";
+           std::to_string(frame.laser) + "," + number_text(frame.stop.elevation_rad) + "," +
+           number_text(frame.stop.lift_mm) + "\n";
   }
   return out;
 }
@@ -311,7 +328,7 @@ RecordingWriter::RecordingWriter(std::filesystem::path folder, const CameraMode&
 }
 
 tl::expected<void, CameraError> RecordingWriter::append(const Frame& frame, const AngleAtInstant& angle, FrameUse use,
-                                                        int laser) {
+                                                        int laser, const AxisStop& stop) {
   const auto height = static_cast<std::size_t>(mode_.height_px);
   if (!std::isfinite(angle.angle_rad) || frame.bytes().size() < mode_.stride_bytes * height ||
       (!index_.frames.empty() && frame.info.stamp_ns <= index_.frames.back().stamp_ns)) {
@@ -347,7 +364,8 @@ tl::expected<void, CameraError> RecordingWriter::append(const Frame& frame, cons
                            .stamp_ns = frame.info.stamp_ns,
                            .exposure_ns = frame.info.exposure_ns,
                            .use = use,
-                           .laser = laser});
+                           .laser = laser,
+                           .stop = stop});
   return {};
 }
 

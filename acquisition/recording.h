@@ -20,6 +20,7 @@ struct RecordedFrame {
   std::int64_t stamp_ns = 0, exposure_ns = 0;
   FrameUse use = FrameUse::turn;
   int laser = 0;  ///< whose turn it belongs to
+  AxisStop stop;  ///< of that turn
   int line = 0;   ///< of index.csv
 };
 
@@ -31,7 +32,7 @@ struct RecordingIndex {
   ColourChannel colour = ColourChannel::red;
   int yuyv_width_px = 0, yuyv_height_px = 0;  ///< of *.yuyv frames
   int saturated_level = 0;                    ///< as in CameraMode
-  std::vector<RecordedFrame> frames;          ///< at least one; scan.lasers follows from them
+  std::vector<RecordedFrame> frames;          ///< at least one; scan.lasers and scan.stops follow from them
 };
 
 /// A text that names file, line, value and remedy.
@@ -46,8 +47,10 @@ class RecordingWriter {
   RecordingWriter(std::filesystem::path folder, const CameraMode& mode, const RecordedScan& scan);
   /// @param angle  of the instant of the frame's middle row, encoder's
   /// @param laser  whose turn the frame belongs to, 0 .. 255
+  /// @param stop   where the axes beside the table stand
   /// @pre frame is of the mode given; stamps rise
-  tl::expected<void, CameraError> append(const Frame& frame, const AngleAtInstant& angle, FrameUse use, int laser = 0);
+  tl::expected<void, CameraError> append(const Frame& frame, const AngleAtInstant& angle, FrameUse use, int laser = 0,
+                                         const AxisStop& stop = {});
   /// Writes the index beside its name, syncs it and renames it.
   tl::expected<void, CameraError> finish();
 

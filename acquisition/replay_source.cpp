@@ -90,6 +90,7 @@ class ReplaySource final : public FrameSource, public FrameReturn {
     info.table_speed_rad_per_s = recorded.table_speed_rad_per_s;
     info.laser_on = recorded.use != FrameUse::background;
     info.laser = recorded.laser;
+    info.stop = recorded.stop;
     info.use = recorded.use;
     leases_.lend(buffer);
     return Frame(this, buffer, image.bytes, info);

@@ -175,16 +175,23 @@ Eigen::Vector3d Section::vector(const std::string& key) {
   return vector_of(node(key), key);
 }
 
-Eigen::Matrix3d Section::matrix(const std::string& key) {
+std::vector<Eigen::Vector3d> Section::vectors(const std::string& key, std::size_t count) {
   const toml::node& found = node(key);
   const auto* rows = found.as_array();
-  if (rows == nullptr || rows->size() != 3) {
-    refuse(found, key, "is " + value_text(found) + " and must be an array of three rows");
+  if (rows == nullptr || rows->size() != count) {
+    refuse(found, key, "is " + value_text(found) + " and must be an array of " + std::to_string(count) + " rows");
   }
+  std::vector<Eigen::Vector3d> out;
+  for (std::size_t i = 0; i < count; ++i) {
+    out.push_back(vector_of(*rows->get(i), key + "[" + std::to_string(i) + "]"));
+  }
+  return out;
+}
+
+Eigen::Matrix3d Section::matrix(const std::string& key) {
+  const std::vector<Eigen::Vector3d> rows = vectors(key, 3);
   Eigen::Matrix3d out;
-  for (std::size_t i = 0; i < 3; ++i) {
-    out.row(static_cast<Eigen::Index>(i)) = vector_of(*rows->get(i), key + "[" + std::to_string(i) + "]").transpose();
-  }
+  out << rows[0].transpose(), rows[1].transpose(), rows[2].transpose();
   return out;
 }
 

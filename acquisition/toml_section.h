@@ -59,6 +59,7 @@ class Section {
   /// A measured value above zero.
   Measured positive(const std::string& key);
   Eigen::Vector3d vector(const std::string& key);
+  std::vector<Eigen::Vector3d> vectors(const std::string& key, std::size_t count);
   Eigen::Matrix3d matrix(const std::string& key);
   std::vector<std::string> texts(const std::string& key);
   /// A symmetric matrix from the rows of its lower triangle.

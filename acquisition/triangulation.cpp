@@ -64,13 +64,13 @@ LineAlong line_along(const LaserPlane& plane) {
   return std::abs(plane.normal_C.x()) >= std::abs(plane.normal_C.y()) ? LineAlong::rows : LineAlong::columns;
 }
 
-Triangulator::Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume, LineAlong along)
+Triangulator::Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume, LineAlong along,
+                           const AxisStop& stop)
     : lens_(calibration.camera_model),
       along_(along),
       width_px_(calibration.camera_model.width_px),
       height_px_(calibration.camera_model.height_px),
       volume_(volume),
-      scale_(calibration.scale.value),
       turn_(calibration.direction * calibration.encoder_scale.value),
       time_(calibration.time) {
   const auto plane = std::find_if(calibration.lasers.begin(), calibration.lasers.end(),
@@ -83,9 +83,9 @@ Triangulator::Triangulator(const Calibration& calibration, int laser, const Scan
   }
   normal_C_ = plane->normal_C;
   distance_mm_ = plane->distance_mm;
-  const Eigen::Isometry3d X_WC = calibration.axis.X_CW.inverse();
-  R_WC_ = scale_ * X_WC.linear();
-  p_WC_ = scale_ * X_WC.translation();
+  const Eigen::Affine3d X_WC = camera_to_object(calibration, stop);
+  R_WC_ = X_WC.linear();
+  p_WC_ = X_WC.translation();
 }
 
 std::int64_t Triangulator::row_instant_ns(const FrameInfo& frame, double row) const {

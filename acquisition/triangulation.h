@@ -9,6 +9,7 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/angle_timeline.h"
+#include "acquisition/axis_stop.h"
 #include "acquisition/calibration.h"
 #include "acquisition/laser_line.h"
 #include "acquisition/lens.h"
@@ -16,7 +17,7 @@
 
 namespace celadon {
 
-/// Volume that can hold the object; samples outside are dropped (the platter, the background).
+/// Volume of the object's frame that can hold the object; samples outside are dropped (the platter, the background).
 struct ScanVolume {
   double r_min_mm = 0.5, r_max_mm = 250, z_min_mm = 1, z_max_mm = 400;
 };
@@ -25,12 +26,16 @@ struct ScanVolume {
 /// tells more of the depth.
 LineAlong line_along(const LaserPlane& plane);
 
-/// Ray-plane intersection, undistorted, turned back by the table angle; one per laser. README.md, "Triangulation".
+/// Ray-plane intersection, undistorted, turned back by the table angle and lowered by the lift; one per laser and stop
+/// of the axes beside the table. README.md, "Triangulation".
 class Triangulator {
  public:
   /// @param along  as the rows to come were extracted; line_along() says what a calibration asks for
-  /// @throws std::invalid_argument unless calibration.lasers holds the laser and the volume is not empty
-  Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume, LineAlong along = LineAlong::rows);
+  /// @param stop    where the head and the table's lift stand
+  /// @throws std::invalid_argument unless calibration.lasers holds the laser, the volume is not empty, and the axes
+  /// that stand off 0 are calibrated
+  Triangulator(const Calibration& calibration, int laser, const ScanVolume& volume, LineAlong along = LineAlong::rows,
+               const AxisStop& stop = {});
 
   /// What became of the rows; those without a line are in none of the counts.
   struct Counts {
@@ -73,7 +78,7 @@ class Triangulator {
     Angle (*call)(void*, std::int64_t);
     Angle operator()(std::int64_t instant_ns) const { return call(callable, instant_ns); }
   };
-  /// One row's point in the scanner frame at table angle 0, and its derivative by the position along the row (column).
+  /// One row's point in the object's frame at table angle 0, and its derivative by the position along the row (column).
   struct Point {
     double r_mm = 0, theta_rad = 0, z_mm = 0;
     double r_by_px = 0, theta_by_px = 0, z_by_px = 0;
@@ -87,10 +92,10 @@ class Triangulator {
   LineAlong along_ = LineAlong::rows;
   int width_px_ = 0, height_px_ = 0;
   ScanVolume volume_;
-  double scale_ = 1, turn_ = 1;  ///< mm per model mm; true counter-clockwise angle per encoder angle
-  Eigen::Vector3d normal_C_;     ///< of the laser plane
+  double turn_ = 1;           ///< true counter-clockwise angle per encoder angle
+  Eigen::Vector3d normal_C_;  ///< of the laser plane
   double distance_mm_ = 0;
-  Eigen::Matrix3d R_WC_;  ///< camera to scanner frame, scaled
+  Eigen::Matrix3d R_WC_;  ///< camera to object's frame at table angle 0, scaled
   Eigen::Vector3d p_WC_;
   TimeModel time_;
 };

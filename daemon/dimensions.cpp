@@ -6,7 +6,7 @@
 #include <cstdio>
 #include <map>
 #include <optional>
-#include <utility>
+#include <tuple>
 
 #include "daemon/shape_least_squares.h"
 #include "fitting/robust_least_squares.h"
@@ -22,11 +22,13 @@ constexpr const char* kConeAngle = "cone angle";
 
 /// Number of the profile of each point.
 std::vector<int> profiles_of(const ScannedPoints& points) {
-  std::map<std::pair<int, double>, int> numbers;
+  std::map<std::tuple<int, double, double, double>, int> numbers;
   std::vector<int> out;
   for (std::size_t i = 0; i < points.laser.size(); ++i) {
+    const AxisStop stop = points.stop.empty() ? AxisStop() : points.stop[i];
     const auto entry =
-        numbers.try_emplace({points.laser[i], points.table_angle_rad[i]}, static_cast<int>(numbers.size()));
+        numbers.try_emplace({points.laser[i], points.table_angle_rad[i], stop.elevation_rad, stop.lift_mm},
+                            static_cast<int>(numbers.size()));
     out.push_back(entry.first->second);
   }
   return out;

@@ -21,7 +21,7 @@ struct Dimensions {
 };
 
 /// Least squares over the points that Tukey's biweight keeps. Points of one profile may err together: the scatter's
-/// part counts profiles (points of one laser and table angle), not points.
+/// part counts profiles (points of one laser, table angle and stop), not points.
 /// @param at_z_mm  of a cone: height of the scanner frame where the diameter is stated
 /// Errors: fewer than 30 points or 12 profiles, or points that do not determine the shape.
 tl::expected<Dimensions, std::string> dimensions_of(RoundShape shape, const ScannedPoints& points,

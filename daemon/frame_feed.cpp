@@ -272,7 +272,7 @@ tl::expected<Frame, ScanStop> FrameFeed::next_after(std::int64_t instant_ns) {
 
 tl::expected<void, ScanStop> FrameFeed::keep(const Frame& frame, const AngleAtInstant& angle, FrameUse use) {
   if (recording_ == nullptr) return {};
-  if (auto kept = recording_->append(frame, angle, use, laser_); !kept) {
+  if (auto kept = recording_->append(frame, angle, use, laser_, stop_); !kept) {
     ScanStop stop = stop_of(kept.error());
     stop.camera_lost = false;
     stop.failure = ScanFailure::system;

@@ -7,6 +7,7 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/angle_timeline.h"
+#include "acquisition/axis_stop.h"
 #include "acquisition/recording.h"
 #include "daemon/lease_history.h"
 #include "daemon/profile_log.h"
@@ -37,12 +38,14 @@ class FrameFeed {
   /// Keeps a frame that was used; nothing without a recording.
   tl::expected<void, ScanStop> keep(const Frame& frame, const AngleAtInstant& angle, FrameUse use);
 
-  /// Which laser is meant from now on. @pre all are off
-  void use_laser(int laser) {
+  /// Which laser is meant from now on, and where the axes beside the table stand. @pre all lasers are off
+  void use_laser(int laser, const AxisStop& stop = {}) {
     laser_ = laser;
+    stop_ = stop;
     leases_.set_warm_up(0);
   }
   int laser() const { return laser_; }
+  const AxisStop& stop() const { return stop_; }
   /// Grants the first lease. The laser stays on while next() accepts frames.
   tl::expected<void, ScanStop> laser_on();
   /// After a move without frames: renews the lease, or grants a new one if it ran out.
@@ -95,6 +98,7 @@ class FrameFeed {
   ScanObserver& observer_;
   const Triangulator& triangulator_;
   int laser_;
+  AxisStop stop_;
   ProfileLogWriter* log_ = nullptr;
   RecordingWriter* recording_ = nullptr;
   AngleTimeline timeline_;

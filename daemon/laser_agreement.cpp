@@ -28,8 +28,8 @@ LaserAgreement::LaserAgreement(const GridSpecification& band, std::span<const in
   for (const int laser : lasers) cells_[laser].resize(static_cast<std::size_t>(around_) * kAlong);
 }
 
-void LaserAgreement::add(const Profile& profile) {
-  const auto of_laser = cells_.find(profile.laser);
+void LaserAgreement::add(const Profile& profile, int way) {
+  const auto of_laser = cells_.find(way);
   if (of_laser == cells_.end()) return;
   for (std::size_t i = 0; i < profile.size(); ++i) {
     const double turned = profile.theta_rad[i] / kWholeTurn_rad;

@@ -28,7 +28,9 @@ class LaserAgreement {
   LaserAgreement(const GridSpecification& band, std::span<const int> lasers, int profiles);
 
   /// Samples outside the band are passed over.
-  void add(const Profile& profile);
+  void add(const Profile& profile) { add(profile, profile.laser); }
+  /// The same of whatever was seen in several ways, `way` being one of the numbers given as lasers.
+  void add(const Profile& profile, int way);
 
   /// Of the two lasers that disagree most for their standard error; nullopt unless two saw 16 cells in common.
   std::optional<AgreementError> result() const;

@@ -15,7 +15,7 @@
 namespace celadon {
 namespace {
 
-constexpr std::uint16_t kMajor = 1, kMinor = 1;
+constexpr std::uint16_t kMajor = 1, kMinor = 2;
 constexpr std::uint32_t kMarker = 0x52504C43;  // "CLPR"
 constexpr std::uint32_t kLongest = 256u << 20;
 constexpr std::size_t kPreambleBytes = 16, kHeadBytes = 24, kHeadSummed = 20, kReadAhead = 1 << 20;

@@ -8,6 +8,7 @@
 
 #include "daemon/scan_lasers.h"
 #include "daemon/scan_queue.h"
+#include "daemon/scan_stops.h"
 
 namespace celadon {
 namespace {
@@ -139,6 +140,7 @@ void ScanQueue::connect() {
     machine_.machine = machine;
     machine_.simulated = simulated;
     machine_.lasers = lasers_present(connection_->device.get(), *connection_->camera, calibration_);
+    machine_.travels = travels_of(connection_->device.get());
     machine_.error.clear();
     machine_.found = connection_->device ? connection_->device->found_at_open().text : "";
     first_attempt_done_ = true;

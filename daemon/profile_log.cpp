@@ -17,7 +17,8 @@ enum RecordType : std::uint16_t {
   kOverlapProfile = 4,
   kPosition = 5,
   kFrame = 6,
-  kEnd = 7
+  kEnd = 7,
+  kStop = 8
 };
 
 constexpr std::uint32_t kHasCovariance = 1, kHasRow = 2;
@@ -175,6 +176,11 @@ LogFrame take_frame(Take& take) {
   return f;
 }
 
+LogStop take_stop(Take& take) {
+  const auto elevation_rad = take.get<double>();
+  return {{elevation_rad, take.get<double>()}};
+}
+
 LogEnd take_end(Take& take) {
   LogEnd e;
   e.outcome = static_cast<LogOutcome>(take.get<std::uint16_t>());
@@ -249,6 +255,14 @@ void ProfileLogWriter::append(const LogFrame& f) {
   Put put(payload_);
   put(f.sequence)(f.stamp_ns)(f.exposure_ns)(f.lost_before)(static_cast<std::uint16_t>(f.verdict))(std::uint16_t{0});
   records_->put(kFrame, payload_);
+}
+
+void ProfileLogWriter::append(const LogStop& s) {
+  if (s.stop == stop_) return;
+  stop_ = s.stop;
+  Put put(payload_);
+  put(stop_.elevation_rad)(stop_.lift_mm);
+  records_->put(kStop, payload_);
 }
 
 tl::expected<void, LogError> ProfileLogWriter::finish(LogOutcome outcome, const std::string& reason) {
@@ -353,6 +367,9 @@ std::optional<LogEntry> ProfileLogReader::next_entry() {
         break;
       case kEnd:
         entry = take_end(take);
+        break;
+      case kStop:
+        entry = take_stop(take);
         break;
       default:
         continue;  // of a later minor version

@@ -14,6 +14,7 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/angle_timeline.h"
+#include "acquisition/axis_stop.h"
 #include "daemon/log_records.h"
 #include "daemon/scan_service.h"
 #include "fitting/profile.h"
@@ -70,7 +71,12 @@ struct LoggedProfile {
   const Profile* profile = nullptr;  ///< valid until the next read
 };
 
-using LogEntry = std::variant<LogPose, LoggedProfile, PositionSample, LogFrame, LogEnd>;
+/// Where the axes beside the table stand for the profiles that follow.
+struct LogStop {
+  AxisStop stop;
+};
+
+using LogEntry = std::variant<LogPose, LoggedProfile, PositionSample, LogFrame, LogEnd, LogStop>;
 
 /// Writes a log. Used from one thread. Profiles are handed to the kernel as they come (a killed daemon loses none);
 /// the disk is synced every second and at the end.
@@ -85,6 +91,8 @@ class ProfileLogWriter {
   /// Kept in memory until the next profile or the end.
   void append(const PositionSample& sample);
   void append(const LogFrame& frame);
+  /// Likewise; a stop that the profiles before had too is not written again.
+  void append(const LogStop& stop);
   /// Writes the end record and starts its sync; profiles, samples and frame counts are filled in from what was
   /// appended.
   tl::expected<void, LogError> finish(LogOutcome outcome, const std::string& reason);
@@ -104,6 +112,7 @@ class ProfileLogWriter {
   std::vector<std::uint8_t> payload_;
   std::vector<RecordMark> marks_;  ///< before every kProfilesPerMark-th profile
   LogEnd counts_;
+  AxisStop stop_;
   std::int64_t last_sync_ns_ = 0;
 };
 

@@ -44,8 +44,14 @@ Json to_json(const ClosureError& e) {
 // What each laser saw, and how well two of them agree.
 void put_lasers(Json& json, const ResultNotes& notes) {
   if (!notes.lasers.empty()) json["lasers"] = Json::array();
+  const bool moved = std::any_of(notes.lasers.begin(), notes.lasers.end(),
+                                 [](const LaserShare& share) { return share.stop != AxisStop(); });
   for (const LaserShare& share : notes.lasers) {
     Json entry{{"laser", share.laser}, {"profiles", share.profiles}, {"samples", share.samples}};
+    if (moved) {
+      entry["elevation_deg"] = share.stop.elevation_rad * 180 / std::numbers::pi;
+      entry["lift_mm"] = share.stop.lift_mm;
+    }
     if (share.closure_mm) entry["closure_mm"] = to_json(*share.closure_mm);
     json["lasers"].push_back(std::move(entry));
   }

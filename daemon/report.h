@@ -9,6 +9,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "acquisition/axis_stop.h"
 #include "daemon/checks/self_check.h"
 #include "daemon/dimension.h"
 #include "daemon/export/cad_client.h"
@@ -38,9 +39,10 @@ struct ClosureError {
   std::uint64_t samples = 0;
 };
 
-/// What one laser contributed in its turn.
+/// What one laser contributed in one turn.
 struct LaserShare {
   int laser = 0;
+  AxisStop stop = {};  ///< of the axes beside the table
   std::uint64_t profiles = 0, samples = 0;
   std::optional<ClosureError> closure_mm = {};
 };

@@ -88,6 +88,8 @@ class Intake {
         previous_(rows_.size()) {
     profile_.laser = static_cast<std::uint8_t>(tools.turn->laser);
     share_.laser = tools.turn->laser;
+    share_.stop = tools.turn->stop;
+    tools.log.append(LogStop{share_.stop});
   }
 
   /// @param turned_rad  true angle since the start of the turn, 0 .. 2 pi for the fit, beyond it for the closure test
@@ -99,9 +101,16 @@ class Intake {
     }
     std::swap(rows_, previous_);
     extractor_.extract(tools_.equipment.camera.mode(), frame.bytes(), tools_.turn->seen.background, rows_, previous_);
+    if (tools_.so_far->turn == 0) {
+      tools_.datum.see(
+          frame.bytes(),
+          [&](double row) { return angle.at(tools_.turn->triangulator.row_instant_ns(info, row)).angle_rad; },
+          turned_rad, angle.middle.speed_rad_per_s);
+    }
     frame.release();  // the driver gets its buffer back before anything slower happens
     const auto counts = tools_.turn->triangulator.triangulate(
         rows_, info, [&](std::int64_t ns) { return angle.at(ns); }, profile_);
+    if (tools_.turn->stop_number == 0) tools_.datum.line(tools_.turn->laser, rows_, profile_);
     tools_.so_far->ambiguous += static_cast<std::uint64_t>(counts.ambiguous);
     tools_.feed.verdict(info, profile_.size() > 0 ? FrameVerdict::profile : FrameVerdict::no_line);
     profile_.index = tools_.so_far->profiles++;
@@ -312,7 +321,7 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
     if (!frame) return tl::make_unexpected(stop_of(frame.error()));
     const FrameInfo info = frame->info;
     if (info.use != FrameUse::turn && info.use != FrameUse::overlap) continue;
-    if (!is_of_laser(camera, info, tools.turn->laser)) continue;
+    if (!is_of_turn(camera, info, tools.turn->laser, tools.turn->stop)) continue;
     if (!start) start = info.table_angle_rad;
     // Recordings may turn either way.
     double turned = std::abs(info.table_angle_rad - *start) / turn.encoder_per_true;

@@ -1,7 +1,9 @@
 #pragma once
-// Move, frame, line, profile, log, accumulate: the part of a scan during which the table turns, once for each laser.
+// Move, frame, line, profile, log, accumulate: the part of a scan during which the table turns, once for each laser
+// and stop of the other axes.
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -9,7 +11,9 @@
 
 #include <tl/expected.hpp>
 
+#include "acquisition/axis_stop.h"
 #include "acquisition/laser_line.h"
+#include "daemon/datum_watch.h"
 #include "daemon/frame_feed.h"
 #include "daemon/laser_agreement.h"
 #include "daemon/profile_log.h"
@@ -20,11 +24,14 @@
 
 namespace celadon {
 
-/// One laser's turn: what its pixels mean, and what was seen of the object before it.
+/// One laser's turn at one stop of the axes beside the table: what its pixels mean, and what was seen of the object
+/// before it.
 struct LaserTurn {
   int laser = 0;
+  std::size_t stop_number = 0;  ///< of the scan's stops
+  AxisStop stop;                ///< where the axes shall stand; once they do, where they stand
   Triangulator triangulator;
-  ScanPreparation seen;
+  ScanPreparation seen = {};
 };
 
 /// What the turns of a scan count on from one to the next.
@@ -44,6 +51,7 @@ struct CaptureTools {
   MomentGrid& sums;
   FirstLook& look;
   LaserAgreement& agreement;
+  DatumWatch& datum;
   ScanObserver& observer;
   const LaserTurn* turn = nullptr;  ///< the present one
   CaptureSoFar* so_far = nullptr;

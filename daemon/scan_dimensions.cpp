@@ -23,7 +23,9 @@ ScannedPoints points_of(const std::filesystem::path& log_file, std::size_t sampl
   const std::size_t every = std::max<std::size_t>(1, samples / kMostPoints) | 1;
   std::vector<Eigen::Vector3d> points;
   std::size_t next = every / 2, seen = 0;
+  AxisStop stop;
   while (const auto entry = (*log)->next_entry()) {
+    if (const auto* const at = std::get_if<LogStop>(&*entry)) stop = at->stop;
     const auto* const logged = std::get_if<LoggedProfile>(&*entry);
     if (logged == nullptr || logged->overlap) continue;
     const Profile& profile = *logged->profile;
@@ -33,6 +35,7 @@ ScannedPoints points_of(const std::filesystem::path& log_file, std::size_t sampl
                           profile.r_mm[i] * std::sin(profile.theta_rad[i]), profile.z_mm[i]);
       out.table_angle_rad.push_back(profile.table_angle_rad);
       out.laser.push_back(profile.laser);
+      out.stop.push_back(stop);
     }
     seen += profile.size();
   }

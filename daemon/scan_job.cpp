@@ -8,10 +8,15 @@
 #include <cstdio>
 #include <functional>
 #include <future>
+#include <iterator>
+#include <optional>
+#include <span>
 
 #include "acquisition/recording.h"
+#include "daemon/checks/datum_checks.h"
 #include "daemon/checks/self_checks.h"
 #include "daemon/dark_frame.h"
+#include "daemon/datum_watch.h"
 #include "daemon/export/cad_client.h"
 #include "daemon/frame_feed.h"
 #include "daemon/laser_agreement.h"
@@ -23,6 +28,7 @@
 #include "daemon/scan_lasers.h"
 #include "daemon/scan_preparation.h"
 #include "daemon/scan_solution.h"
+#include "daemon/scan_stops.h"
 #include "fitting/range_fit.h"
 
 namespace celadon {
@@ -114,8 +120,8 @@ tl::expected<std::unique_ptr<RecordingWriter>, ScanStop> open_recording(const Sc
 
 tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEquipment& equipment, const ScanTask& task,
                                                                    const ScanPreparation& seen,
-                                                                   const std::vector<int>& lasers) {
-  const double wanted = kBytesPerSample * static_cast<double>(seen.samples) * task.request.profiles * 1.1;
+                                                                   const std::vector<int>& lasers, std::size_t stops) {
+  const double wanted = kBytesPerSample * static_cast<double>(seen.samples * stops) * task.request.profiles * 1.1;
   struct statvfs disk {};
   if (::statvfs(task.log_file.parent_path().c_str(), &disk) == 0) {
     const double free = static_cast<double>(disk.f_bavail) * static_cast<double>(disk.f_frsize);
@@ -145,6 +151,15 @@ std::vector<ResultFormat> formats_of(const ScanRequest& request) {
     if (const auto format = result_format_from(text)) formats.push_back(*format);
   }
   return formats;
+}
+
+/// About which spherical samples are, where the request makes the head go about it: the crossing of its axis with the
+/// table's, in the object's frame.
+std::optional<double> centre_of(const ScanRequest& request, const Calibration& calibration, const AxisStop& first) {
+  if (request.elevations_deg.empty() || !calibration.elevation) return std::nullopt;
+  const auto& lift = calibration.lift;
+  return crossing_of(*calibration.elevation).z_mm -
+         (lift ? lift->scale.value * first.lift_mm * lift->direction.z() : 0);
 }
 
 double seconds_of(const ResultNotes& notes, std::initializer_list<const char*> stages) {
@@ -184,25 +199,34 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   const auto lasers = lasers_of(task.request, equipment.calibration,
                                 lasers_present(equipment.device, equipment.camera, equipment.calibration));
   if (!lasers) return failed(lasers.error(), ScanFailure::device);
-  std::vector<LaserTurn> turns = turns_with(*lasers, equipment.calibration, equipment.volume);
+  const auto stops = recorded != nullptr ? stops_of(*recorded, equipment.calibration)
+                                         : stops_of(task.request, equipment.calibration, travels_of(equipment.device));
+  if (!stops) return failed(stops.error(), ScanFailure::device);
+  std::vector<LaserTurn> turns = turns_with(*lasers, *stops, equipment.calibration, equipment.volume);
+  const std::span<LaserTurn> first_turns = turns_at(0, turns);
   if (recorded == nullptr) {
     auto ready = make_device_ready(equipment, task, observer);
     if (!ready) return tl::make_unexpected(ready.error());
+    const auto stop = bring_axes_to(stops->front(), *equipment.device, equipment.calibration);
+    if (!stop) return tl::make_unexpected(stop.error());
+    stand_at(*stop, first_turns, equipment);
   }
   auto recording = open_recording(equipment, task);
   if (!recording) return tl::make_unexpected(recording.error());
   auto feed = FrameFeed::start(equipment, observer, turns.front().triangulator, turns.front().laser);
   if (!feed) return tl::make_unexpected(feed.error());
   if (*recording) (*feed)->record_frames_in(**recording);
-  auto seen = look_with_each(equipment, **feed, turns);
+  auto seen = look_with_each(equipment, **feed, first_turns);
   if (!seen) return tl::make_unexpected(seen.error());
   notes.warnings.insert(notes.warnings.end(), seen->warnings.begin(), seen->warnings.end());
-  auto log = open_log(equipment, task, *seen, *lasers);
+  auto log = open_log(equipment, task, *seen, *lasers, stops->size());
   if (!log) return tl::make_unexpected(log.error());
   (*feed)->record_in(**log);
   MomentGrid sums(grid_for(task.request, *seen, equipment.volume));
   FirstLook look(sums);
   LaserAgreement agreement(sums.specification(), *lasers, task.request.profiles);
+  DatumWatch datum(equipment.calibration, equipment.camera.mode(), *lasers, turns.front().stop);
+  datum.at_rest(turns.front().seen.background, turns.front().seen.background_at_rad);
   clock.end("prepare");
 
   // Move, frame, line, profile, log, accumulate. The CAD helper starts meanwhile.
@@ -211,7 +235,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   auto cad = std::find(formats.begin(), formats.end(), ResultFormat::step) != formats.end()
                  ? CadWorker::start()
                  : tl::make_unexpected(std::string());
-  auto captured = turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, observer}, turns);
+  auto captured =
+      turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, datum, observer}, turns);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
@@ -219,7 +244,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   // The camera is this look's alone until it is over, and stops with it.
   const auto look_for_light = [&, dark_since_ns = recorded != nullptr ? 0 : equipment.clock.now_ns()] {
     std::optional<std::string> light;
-    const LaserTurn& last = turn_of((*feed)->laser(), turns);
+    const LaserTurn& last = turn_of(**feed, turns);
     if (recorded == nullptr) light = light_although_off(equipment.camera, last.triangulator, last.seen, dark_since_ns);
     equipment.camera.stop();
     return light;
@@ -252,8 +277,11 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   const RangeFitOptions options = fit_options(task.request, equipment.calibration);
   auto samples = LogParts::open(task.log_file, **log);
   if (!samples) return tl::make_unexpected(samples.error());
-  auto body = task.request.shape == "cylinder" ? solve_wall(task.log_file, options, sums, look, *samples, notes)
-                                               : solve_shape(task.request.shape, options, *samples, notes);
+  // The sums know the heights that the first stop showed; more stops show more, and faces too.
+  auto body = task.request.shape == "cylinder" && stops->size() == 1
+                  ? solve_wall(task.log_file, options, sums, look, *samples, notes)
+                  : solve_shape(task.request.shape, options, *samples,
+                                centre_of(task.request, equipment.calibration, turns.front().stop), notes);
   if (!body) return tl::make_unexpected(body.error());
   clock.end("solve");
   if (const auto light = shines.get(); light && !unsafe) notes.warnings.push_back(*light);
@@ -274,8 +302,11 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     auto fit = body->measured.get();
     if (!fit) return fit;
     warnings = fit->whole().warnings;
-    notes.checks = self_checks(
-        {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, notes.agreement_mm});
+    notes.checks =
+        self_checks({*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, notes.agreement_mm,
+                     stops->size() > 1 ? compare_stops(task.log_file, equipment.calibration) : std::nullopt});
+    std::vector<SelfCheck> of_datum = datum_checks(datum.result(), equipment.calibration);
+    std::move(of_datum.begin(), of_datum.end(), std::back_inserter(notes.checks));
     notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);
     return fit;
   };

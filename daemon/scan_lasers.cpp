@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "daemon/dark_frame.h"
+#include "daemon/scan_stops.h"
 
 namespace celadon {
 namespace {
@@ -21,7 +22,8 @@ bool holds(std::span<const int> lasers, int laser) {
 }
 
 std::string name_of(const LaserTurn& turn) {
-  return "Laser " + std::to_string(turn.laser) + ": ";
+  const std::string where = text_of(turn.stop);
+  return "Laser " + std::to_string(turn.laser) + (where.empty() ? "" : " at " + where) + ": ";
 }
 
 /// Says which laser a sentence is about, where there are several; what ended the scan from outside is about none.
@@ -33,8 +35,9 @@ ScanStop about(const LaserTurn& turn, std::span<const LaserTurn> turns, ScanStop
 
 tl::expected<void, ScanStop> look_again(const ScanEquipment& equipment, FrameFeed& feed, LaserTurn& turn,
                                         std::span<const LaserTurn> turns, RecordedLook which) {
-  auto seen = equipment.device == nullptr ? look_at_recording(equipment, turn.triangulator, turn.laser, which)
-                                          : look_at_object(equipment, feed, turn.triangulator);
+  auto seen = equipment.device == nullptr
+                  ? look_at_recording(equipment, turn.triangulator, turn.laser, turn.stop, which)
+                  : look_at_object(equipment, feed, turn.triangulator);
   if (!seen) return tl::make_unexpected(about(turn, turns, seen.error()));
   turn.seen = std::move(*seen);
   if (turns.size() > 1) {
@@ -69,10 +72,13 @@ tl::expected<bool, ScanStop> still_shines(const CaptureTools& tools, const Laser
   return light_in_background(camera.mode(), picture, before.triangulator.along()).has_value();
 }
 
-/// From the end of one laser's turn to a steady line of the next one.
+/// From the end of one turn to a steady line of the next one's laser, head and lift where that one wants them.
+/// @param k          number of the next turn
 /// @param begin_rad  where the table stood before the first turn
-tl::expected<void, ScanStop> change_laser(const CaptureTools& tools, const LaserTurn& before, LaserTurn& next,
-                                          std::span<const LaserTurn> turns, double begin_rad) {
+tl::expected<void, ScanStop> change_turn(const CaptureTools& tools, std::span<LaserTurn> turns, std::size_t k,
+                                         double begin_rad) {
+  const LaserTurn& before = turns[k - 1];
+  LaserTurn& next = turns[k];
   const ScanEquipment& equipment = tools.equipment;
   FrameFeed& feed = tools.feed;
   feed.pause_record();
@@ -92,7 +98,13 @@ tl::expected<void, ScanStop> change_laser(const CaptureTools& tools, const Laser
     if (!back) return tl::make_unexpected(stop_of(back.error()));
     if (auto polled = feed.poll(); !polled) return polled;
   }
-  feed.use_laser(next.laser);
+  if (next.stop_number != before.stop_number) {
+    const auto stop = bring_axes_to(next.stop, *equipment.device, equipment.calibration);
+    if (!stop) return tl::make_unexpected(about(next, turns, stop.error()));
+    stand_at(*stop, turns_at(next.stop_number, turns), equipment);
+    if (auto polled = feed.poll(); !polled) return polled;
+  }
+  feed.use_laser(next.laser, next.stop);
   if (auto looked = look_again(equipment, feed, next, turns, RecordedLook::before_its_turn); !looked) return looked;
   feed.record_in(tools.log);
   return {};
@@ -141,12 +153,29 @@ LineAlong along_of(int laser, const Calibration& calibration) {
   return plane == calibration.lasers.end() ? LineAlong::rows : line_along(*plane);
 }
 
-std::vector<LaserTurn> turns_with(std::span<const int> lasers, const Calibration& calibration,
-                                  const ScanVolume& volume) {
+std::vector<LaserTurn> turns_with(std::span<const int> lasers, std::span<const AxisStop> stops,
+                                  const Calibration& calibration, const ScanVolume& volume) {
   std::vector<LaserTurn> turns;
-  for (const int laser : lasers)
-    turns.push_back({laser, Triangulator(calibration, laser, volume, along_of(laser, calibration)), {}});
+  for (std::size_t k = 0; k < stops.size(); ++k) {
+    for (const int laser : lasers)
+      turns.push_back(
+          {laser, k, stops[k], Triangulator(calibration, laser, volume, along_of(laser, calibration), stops[k])});
+  }
   return turns;
+}
+
+std::span<LaserTurn> turns_at(std::size_t stop_number, std::span<LaserTurn> turns) {
+  const auto of_stop = [&](const LaserTurn& turn) { return turn.stop_number == stop_number; };
+  const auto begin = std::find_if(turns.begin(), turns.end(), of_stop);
+  return {begin, std::find_if_not(begin, turns.end(), of_stop)};
+}
+
+void stand_at(const AxisStop& stop, std::span<LaserTurn> turns, const ScanEquipment& equipment) {
+  for (LaserTurn& turn : turns) {
+    turn.stop = stop;
+    turn.triangulator =
+        Triangulator(equipment.calibration, turn.laser, equipment.volume, turn.triangulator.along(), stop);
+  }
 }
 
 tl::expected<ScanPreparation, ScanStop> look_with_each(const ScanEquipment& equipment, FrameFeed& feed,
@@ -155,7 +184,7 @@ tl::expected<ScanPreparation, ScanStop> look_with_each(const ScanEquipment& equi
     if (equipment.device != nullptr && k + 1 < turns.size()) {
       if (auto off = feed.laser_off(); !off) return tl::make_unexpected(off.error());
     }
-    feed.use_laser(turns[k].laser);
+    feed.use_laser(turns[k].laser, turns[k].stop);
     if (auto looked = look_again(equipment, feed, turns[k], turns, RecordedLook::before_all_turns); !looked)
       return tl::make_unexpected(looked.error());
   }
@@ -186,7 +215,7 @@ tl::expected<CaptureResult, ScanStop> turn_with_each(const CaptureTools& tools, 
     so_far.turn = static_cast<int>(k);
     if (k > 0) {
       auto ready = recorded ? look_again(tools.equipment, tools.feed, turn, turns, RecordedLook::before_its_turn)
-                            : change_laser(of_turn, turns[k - 1], turn, turns, begin_rad);
+                            : change_turn(of_turn, turns, k, begin_rad);
       if (!ready) return tl::make_unexpected(ready.error());
       warnings.insert(warnings.end(), turn.seen.warnings.begin(), turn.seen.warnings.end());
     }
@@ -205,8 +234,9 @@ tl::expected<CaptureResult, ScanStop> turn_with_each(const CaptureTools& tools, 
   return whole;
 }
 
-const LaserTurn& turn_of(int laser, std::span<const LaserTurn> turns) {
-  const auto turn = std::find_if(turns.begin(), turns.end(), [&](const LaserTurn& t) { return t.laser == laser; });
+const LaserTurn& turn_of(const FrameFeed& feed, std::span<const LaserTurn> turns) {
+  const auto turn = std::find_if(turns.begin(), turns.end(),
+                                 [&](const LaserTurn& t) { return t.laser == feed.laser() && t.stop == feed.stop(); });
   return turn != turns.end() ? *turn : turns.front();
 }
 

@@ -1,7 +1,8 @@
 #pragma once
-// The lasers of a scan: which ones, what was seen of the object with each, and a full turn with each, one after the
-// other. Why not all in one turn: README.md, "Several lasers".
+// The turns of a scan: with which lasers, what was seen of the object before each, and one after the other, at each
+// stop of the axes beside the table. Why not all in one turn: README.md, "Several lasers".
 
+#include <cstddef>
 #include <span>
 #include <string>
 #include <vector>
@@ -27,22 +28,28 @@ tl::expected<std::vector<int>, std::string> lasers_of(const ScanRequest& request
 /// How a laser's line lies in the picture, by its plane.
 LineAlong along_of(int laser, const Calibration& calibration);
 
-/// The turns to come, before anything was seen.
-std::vector<LaserTurn> turns_with(std::span<const int> lasers, const Calibration& calibration,
-                                  const ScanVolume& volume);
+/// The turns to come, before anything moved or was seen: with each laser at the first stop, then at the next.
+/// @pre axes off 0 are calibrated
+std::vector<LaserTurn> turns_with(std::span<const int> lasers, std::span<const AxisStop> stops,
+                                  const Calibration& calibration, const ScanVolume& volume);
+/// The turns of the stop that a turn belongs to.
+std::span<LaserTurn> turns_at(std::size_t stop_number, std::span<LaserTurn> turns);
+/// Says where the axes came to rest for these turns of one stop.
+void stand_at(const AxisStop& stop, std::span<LaserTurn> turns, const ScanEquipment& equipment);
 
-/// Looks at the object as it stands with each laser, the first one last, and fills `seen` of each turn. Leaves the
-/// first laser on and the others off.
+/// Looks at the object as it stands with the laser of each of these turns of one stop, the first one last, and fills
+/// their `seen`. Leaves the first laser on and the others off.
 /// @returns what they see together: the heights of all, the samples of a frame of each, the warnings of the first
 tl::expected<ScanPreparation, ScanStop> look_with_each(const ScanEquipment& equipment, FrameFeed& feed,
                                                        std::span<LaserTurn> turns);
 
 /// One turn after the other, each as the request wants it or as the recording holds it. Between two turns all lasers
-/// are off, seen dark by the camera, and the background is taken anew. @returns the sum of all turns
-/// @pre look_with_each() was done; tools.turn and tools.so_far are not looked at
+/// are off, seen dark by the camera, the axes move to the next stop, and the background is taken anew.
+/// @returns the sum of all turns
+/// @pre look_with_each() was done at the first stop; tools.turn and tools.so_far are not looked at
 tl::expected<CaptureResult, ScanStop> turn_with_each(const CaptureTools& tools, std::span<LaserTurn> turns);
 
-/// The turn of the laser that is or was the last to shine.
-const LaserTurn& turn_of(int laser, std::span<const LaserTurn> turns);
+/// The turn that is or was the last whose laser shone.
+const LaserTurn& turn_of(const FrameFeed& feed, std::span<const LaserTurn> turns);
 
 }  // namespace celadon

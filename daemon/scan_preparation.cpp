@@ -6,6 +6,7 @@
 #include <span>
 
 #include "daemon/dark_frame.h"
+#include "daemon/scan_stops.h"
 
 namespace celadon {
 namespace {
@@ -178,6 +179,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
   auto background = dark_background(feed, equipment.clock);
   if (!background) return tl::make_unexpected(background.error());
   preparation.background = std::move(*background);
+  preparation.background_at_rad = feed.status().angle_rad;
 
   if (auto on = feed.laser_on(); !on) return tl::make_unexpected(on.error());
   const CameraMode mode = equipment.camera.mode();
@@ -226,14 +228,14 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
   return preparation;
 }
 
-bool is_of_laser(const FrameSource& camera, const FrameInfo& frame, int laser) {
+bool is_of_turn(const FrameSource& camera, const FrameInfo& frame, int laser, const AxisStop& stop) {
   const RecordedScan* const recorded = camera.recorded();
-  return recorded == nullptr || recorded->lasers.empty() || frame.laser == laser;
+  return recorded == nullptr || ((recorded->lasers.empty() || frame.laser == laser) && frame.stop == stop);
 }
 
 tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment,
                                                           const Triangulator& triangulator, int laser,
-                                                          RecordedLook which) {
+                                                          const AxisStop& stop, RecordedLook which) {
   FrameSource& camera = equipment.camera;
   camera.stop();  // from its first frame again
   if (auto started = camera.start(); !started) return tl::make_unexpected(stop_of(started.error()));
@@ -245,7 +247,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
     auto frame = camera.next(0);
     if (!frame && frame.error().kind == CameraError::Kind::end_of_stream) break;
     if (!frame) return tl::make_unexpected(stop_of(frame.error()));
-    if (!is_of_laser(camera, frame->info, laser)) {
+    if (!is_of_turn(camera, frame->info, laser, stop)) {
       const bool turns = frame->info.use == FrameUse::turn || frame->info.use == FrameUse::overlap;
       if (turns && look && which == RecordedLook::before_all_turns) break;
       continue;
@@ -257,6 +259,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
       }
       if (dark.count() == kBackgroundFrames) continue;
       if (auto added = dark.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
+      preparation.background_at_rad = frame->info.table_angle_rad;
     } else if (!look || frame->info.use == FrameUse::look) {
       look = std::move(*frame);
     } else {
@@ -264,7 +267,9 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
     }
   }
   if (!look) {
-    return device_failed("The recording has no frame with laser " + std::to_string(laser) + " on; record again.");
+    const std::string where = text_of(stop);
+    return device_failed("The recording has no frame with laser " + std::to_string(laser) + " on" +
+                         (where.empty() ? "" : " at " + where) + "; record again.");
   }
   preparation.background = dark.mean();
   LaserLineExtractor extractor({.along = triangulator.along()});

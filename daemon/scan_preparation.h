@@ -7,6 +7,7 @@
 
 #include <tl/expected.hpp>
 
+#include "acquisition/axis_stop.h"
 #include "acquisition/laser_line.h"
 #include "daemon/frame_feed.h"
 #include "daemon/scan_job.h"
@@ -22,6 +23,7 @@ LineBrightness brightness_of(const std::vector<LineRow>& rows);
 /// What was learned before the scan.
 struct ScanPreparation {
   std::vector<std::uint8_t> background;  ///< mean of frames with the laser off, same mode and stride
+  double background_at_rad = 0;          ///< encoder's angle of the background
   double z_low_mm = 0, z_high_mm = 0;    ///< of the line on the object as it stands
   std::size_t samples = 0;               ///< of one profile
   LineBrightness line;                   ///< of the line on the object as it stands
@@ -38,14 +40,15 @@ tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& fee
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
                                                        const Triangulator& triangulator);
 
-/// Which of the looks with a laser: those that fixed what is worked on, or the ones that its own turn followed.
+/// Which of the looks with a laser at a stop: those that fixed what is worked on, or the ones that its own turn
+/// followed.
 enum class RecordedLook { before_all_turns, before_its_turn };
 /// The same of a recording, which it starts from its first frame: background from the laser's frames with the laser off
 /// (none: empty), the object from its last look, else from the first frame of its turn.
 tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& equipment,
                                                           const Triangulator& triangulator, int laser,
-                                                          RecordedLook which);
-/// Whether a recorded frame belongs to a laser's turn; in a recording that does not say, each does.
-bool is_of_laser(const FrameSource& camera, const FrameInfo& frame, int laser);
+                                                          const AxisStop& stop, RecordedLook which);
+/// Whether a recorded frame belongs to a laser's turn at a stop; in a recording that does not say, each does.
+bool is_of_turn(const FrameSource& camera, const FrameInfo& frame, int laser, const AxisStop& stop);
 
 }  // namespace celadon

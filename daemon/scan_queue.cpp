@@ -6,6 +6,7 @@
 #include <spdlog/spdlog.h>
 
 #include "daemon/scan_lasers.h"
+#include "daemon/scan_stops.h"
 
 namespace celadon {
 namespace {
@@ -93,6 +94,11 @@ tl::expected<ScanRecord, ServiceError> ScanQueue::submit(const ScanRequest& requ
     }
     if (const auto lasers = lasers_of(request, calibration_, machine_.lasers); !lasers) {
       return tl::make_unexpected(ServiceError{422, "no such laser", lasers.error()});
+    }
+    // A recording has stops of its own.
+    if (!machine_.device_url.empty()) {
+      if (const auto stops = stops_of(request, calibration_, machine_.travels); !stops)
+        return tl::make_unexpected(ServiceError{422, "no such stop", stops.error()});
     }
     if (queue_.size() >= options_.longest_queue) {
       return tl::make_unexpected(ServiceError{

@@ -14,7 +14,9 @@ using nlohmann::json;
 
 constexpr std::size_t kLongestName = 64;
 constexpr int kFewestProfiles = 16, kMostProfiles = 100'000;
-constexpr int kMostLasers = 4;  // of a controller (firmware_bridge/PROTOCOL.md)
+constexpr int kMostLasers = 4;          // of a controller (firmware_bridge/PROTOCOL.md)
+constexpr std::size_t kMostStops = 16;  // of one axis
+constexpr double kLargestElevation_deg = 90, kLargestLift_mm = 1000;
 constexpr double kLongestExposure_ms = 1000, kLargestTolerance_mm = 100;
 constexpr std::array<const char*, 4> kShapes = {"cylinder", "sphere", "composite", "auto"};
 constexpr std::array<const char*, 5> kModels = {"auto", "cylinder", "revolution", "translational", "general"};
@@ -37,6 +39,8 @@ json request_json(const ScanRequest& request) {
             {"formats", request.formats}};
   // Left out where nothing was asked for: programs from before there was a choice read such requests.
   if (!request.lasers.empty()) j["lasers"] = request.lasers;
+  if (!request.elevations_deg.empty()) j["elevations_deg"] = request.elevations_deg;
+  if (!request.lifts_mm.empty()) j["lifts_mm"] = request.lifts_mm;
   if (request.form_tolerance_mm) j["form_tolerance_mm"] = *request.form_tolerance_mm;
   return j;
 }
@@ -135,6 +139,20 @@ std::vector<int> lasers_field(const json& value) {
   return lasers;
 }
 
+std::vector<double> positions_field(const std::string& field, const json& value, double size, const char* unit) {
+  const std::string most = std::to_string(static_cast<int>(size));
+  const std::string allowed = "a list of at most " + std::to_string(kMostStops) + " different numbers from -" + most +
+                              " to " + most + " " + unit;
+  if (!value.is_array() || value.size() > kMostStops) refuse(field, value, allowed);
+  std::vector<double> positions;
+  for (const json& entry : value) {
+    if (!entry.is_number() || !(std::abs(entry.get<double>()) <= size)) refuse(field, value, allowed);
+    positions.push_back(entry.get<double>());
+  }
+  if (std::set<double>(positions.begin(), positions.end()).size() != positions.size()) refuse(field, value, allowed);
+  return positions;
+}
+
 void read_field(ScanRequest& request, const std::string& field, const json& value) {
   if (field == "name") {
     request.name = name_field(value);
@@ -147,6 +165,10 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
     request.exposure_ms = number_field(field, value, kLongestExposure_ms, "ms");
   } else if (field == "lasers") {
     request.lasers = lasers_field(value);
+  } else if (field == "elevations_deg") {
+    request.elevations_deg = positions_field(field, value, kLargestElevation_deg, "degrees");
+  } else if (field == "lifts_mm") {
+    request.lifts_mm = positions_field(field, value, kLargestLift_mm, "mm");
   } else if (field == "shape") {
     request.shape = one_of(field, value, kShapes);
   } else if (field == "model") {
@@ -171,9 +193,9 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
     }
   } else {
     throw Refusal{"'" + field.substr(0, 60) +
-                  "' is not a field of a scan request; give name, mode, profiles, exposure_ms, lasers, shape, model, "
-                  "tolerance_mm, "
-                  "form_tolerance_mm, degree_u, degree_v or formats."};
+                  "' is not a field of a scan request; give name, mode, profiles, exposure_ms, lasers, "
+                  "elevations_deg, lifts_mm, shape, model, tolerance_mm, form_tolerance_mm, degree_u, degree_v or "
+                  "formats."};
   }
 }
 
@@ -196,6 +218,9 @@ json to_json(const ScanRecord& record) {
 }
 
 json to_json(const MachineState& machine) {
+  const auto travel = [](const std::optional<AxisTravel>& axis) {
+    return axis ? json{{"lowest", axis->lowest}, {"highest", axis->highest}} : json(nullptr);
+  };
   const auto& test = machine.self_test;
   return {{"connected", machine.connected},
           {"machine", machine.machine},
@@ -206,6 +231,8 @@ json to_json(const MachineState& machine) {
           {"motion", machine.motion},
           {"angle_deg", machine.angle_deg},
           {"lasers", machine.lasers},
+          {"elevation_deg", travel(machine.travels.elevation_deg)},
+          {"lift_mm", travel(machine.travels.lift_mm)},
           {"interlock_closed", machine.interlock_closed},
           {"laser_on", machine.laser_on},
           {"fault", machine.fault},

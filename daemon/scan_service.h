@@ -23,12 +23,14 @@ enum class ScanMode : std::uint8_t { step, sweep };
 struct ScanRequest {
   std::string name;  ///< of the object; letters, digits, "-_. "; becomes part of file names
   ScanMode mode = ScanMode::sweep;
-  int profiles = 1200;             ///< a turn, 16 .. 100000
-  double exposure_ms = 0;          ///< 0: as the camera stands
-  std::vector<int> lasers = {};    ///< a turn with each, in this order; empty: all that are calibrated
-  std::string shape = "cylinder";  ///< cylinder|sphere|composite|auto
-  std::string model = "auto";      ///< auto|cylinder|revolution|translational|general
-  double tolerance_mm = 0;         ///< 0: what the data carry
+  int profiles = 1200;                      ///< a turn, 16 .. 100000
+  double exposure_ms = 0;                   ///< 0: as the camera stands
+  std::vector<int> lasers = {};             ///< a turn with each, in this order; empty: all that are calibrated
+  std::vector<double> elevations_deg = {};  ///< of the head: a turn at each; empty: at 0
+  std::vector<double> lifts_mm = {};        ///< of the table: all of them at each; empty: at 0
+  std::string shape = "cylinder";           ///< cylinder|sphere|composite|auto
+  std::string model = "auto";               ///< auto|cylinder|revolution|translational|general
+  double tolerance_mm = 0;                  ///< 0: what the data carry
   std::optional<double> form_tolerance_mm;
   int degree_u = 3, degree_v = 3;
   std::vector<std::string> formats = {"step", "stl", "ply", "surface.json"};  ///< report.json is always written
@@ -59,6 +61,16 @@ struct ScanRecord {
   std::vector<SelfCheck> checks;   ///< what the scan found of itself, once done
 };
 
+/// How far an axis goes.
+struct AxisTravel {
+  double lowest = 0, highest = 0;
+};
+
+/// Of the axes beside the table; nullopt where the machine has none.
+struct AxisTravels {
+  std::optional<AxisTravel> elevation_deg, lift_mm;
+};
+
 /// How well the link to the controller works, since it was connected.
 struct LinkState {
   std::uint64_t requests = 0, retries = 0, time_outs = 0, broken_replies = 0, exceptions = 0, reconnects = 0;
@@ -78,6 +90,7 @@ struct MachineState {
   std::string motion;  ///< "standstill", "moving", ...
   double angle_deg = 0;
   std::vector<int> lasers;  ///< that it has
+  AxisTravels travels;
   bool interlock_closed = false, laser_on = false;
   std::string fault;
   bool remote_enabled = true;  ///< the machine's switch, if it has one, allows a start from afar

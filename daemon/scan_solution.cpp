@@ -1,6 +1,8 @@
 #include "daemon/scan_solution.h"
 
-#include <optional>
+#include <algorithm>
+#include <cstdio>
+#include <limits>
 #include <utility>
 
 #include "daemon/shape_fit.h"
@@ -40,6 +42,33 @@ tl::expected<void, ScanStop> widen_band(const std::filesystem::path& file, const
   look = std::move(gathered.look);
   if (!(*log)->error().empty()) return unsolved((*log)->error());
   return {};
+}
+
+/// Spherical samples about the crossing of the axes, unless the object does not hold it: a ray from there would meet
+/// the surface twice or never.
+void centre_at(double crossing_z_mm, ProfileStream& samples, ShapeChoice& shape, ResultNotes& notes) {
+  double low = std::numeric_limits<double>::infinity(), high = -low;
+  samples.rewind();
+  while (const Profile* const profile = samples.next()) {
+    if (profile->z_mm.empty()) continue;
+    const auto [least, most] = std::minmax_element(profile->z_mm.begin(), profile->z_mm.end());
+    low = std::min(low, *least);
+    high = std::max(high, *most);
+  }
+  // A tenth of the height away from both ends: rays nearly along the surface measure nothing.
+  constexpr double kMargin = 0.1;
+  const double margin_mm = kMargin * (high - low);
+  if (crossing_z_mm > low + margin_mm && crossing_z_mm < high - margin_mm) {
+    shape.centre_z_mm = crossing_z_mm;
+    return;
+  }
+  char text[240];
+  std::snprintf(
+      text, sizeof text,
+      "The axes of table and head cross at z = %.1f mm, not well inside the object, which reaches from %.1f to "
+      "%.1f mm: its spherical samples are about z = %.1f mm of the table's axis.",
+      crossing_z_mm, low, high, shape.centre_z_mm);
+  notes.warnings.emplace_back(text);
 }
 
 }  // namespace
@@ -98,10 +127,12 @@ tl::expected<SolvedBody, ScanStop> solve_wall(const std::filesystem::path& file,
 }
 
 tl::expected<SolvedBody, ScanStop> solve_shape(const std::string& name, const RangeFitOptions& options,
-                                               const LogParts& log, ResultNotes& notes) {
+                                               const LogParts& log, std::optional<double> centre_z_mm,
+                                               ResultNotes& notes) {
   const ProfileParts parts = log.streams();
   JoinedStream all(parts);
-  const auto shape = shape_named(name, all);
+  auto shape = shape_named(name, all);
+  if (shape && shape->shape == BodyShape::sphere && centre_z_mm) centre_at(*centre_z_mm, all, *shape, notes);
   FitSetting setting;
   setting.off_centre_rule = true;
   setting.lap = [](const char*) {};

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <future>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -59,7 +60,9 @@ tl::expected<SolvedBody, ScanStop> solve_wall(const std::filesystem::path& file,
                                               ResultNotes& notes);
 
 /// What the samples show as the shape of that name, from the log alone: faces, shoulders, heads.
+/// @param centre_z_mm  where spherical samples are about, if the scan's kinematics say so and the object holds it
 tl::expected<SolvedBody, ScanStop> solve_shape(const std::string& name, const RangeFitOptions& options,
-                                               const LogParts& log, ResultNotes& notes);
+                                               const LogParts& log, std::optional<double> centre_z_mm,
+                                               ResultNotes& notes);
 
 }  // namespace celadon

@@ -112,7 +112,7 @@ void ControllerCore::guard() {
     }
     if (fault_ == FaultCode::none || is_forced_stop(fault_)) {
       fault_ = FaultCode::emergency_stop;
-      fault_detail_ = 0;
+      fault_detail_ = fault_axis_ = 0;
     }
   }
   in_emergency_ = inputs_.emergency_stop;
@@ -127,7 +127,7 @@ void ControllerCore::guard() {
   }
   if (inputs_.fault != FaultCode::none) enter_fault(inputs_.fault, inputs_.fault_detail);
   for (int i = 0; i < config_.axes; ++i) {
-    if (axes_[i].sample.fault != FaultCode::none) enter_fault(axes_[i].sample.fault, axes_[i].sample.fault_detail);
+    if (axes_[i].sample.fault != FaultCode::none) enter_fault(axes_[i].sample.fault, axes_[i].sample.fault_detail, i);
   }
 }
 
@@ -143,7 +143,7 @@ void ControllerCore::advance_axis(int index) {
       axis.homed = true;
       axis.state = MotionState::standstill;
     } else {
-      enter_fault(FaultCode::homing_failed, 0);
+      enter_fault(FaultCode::homing_failed, 0, index);
     }
   } else if (axis.state == MotionState::moving || axis.state == MotionState::settling) {
     axis.state = phase == AxisPhase::standing   ? MotionState::standstill
@@ -215,9 +215,10 @@ void ControllerCore::halt_all(FaultCode code, std::uint16_t detail) {
   }
   fault_ = code;
   fault_detail_ = detail;
+  fault_axis_ = 0;
 }
 
-void ControllerCore::enter_fault(FaultCode code, std::uint16_t detail) {
+void ControllerCore::enter_fault(FaultCode code, std::uint16_t detail, int axis) {
   lasers_off(enabled_);
   // The first fault is the one to report; those that follow from it are not.
   if (fault_ != FaultCode::none && !is_forced_stop(fault_)) return;
@@ -232,6 +233,7 @@ void ControllerCore::enter_fault(FaultCode code, std::uint16_t detail) {
   }
   fault_ = code;
   fault_detail_ = detail;
+  fault_axis_ = static_cast<std::uint16_t>(axis);
 }
 
 // The deliberate action at the machine: after it commands are accepted again, nothing starts by it.
@@ -347,7 +349,7 @@ Exception ControllerCore::clear_fault() {
       axis.state = axis.homed ? MotionState::standstill : MotionState::unhomed;
   }
   fault_ = FaultCode::none;
-  fault_detail_ = 0;
+  fault_detail_ = fault_axis_ = 0;
   return Exception::none;
 }
 

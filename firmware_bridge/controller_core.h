@@ -11,7 +11,7 @@ namespace celadon {
 
 enum class AxisPhase : std::uint8_t { standing, moving, settling };
 
-/// One position sample of an axis and what its motor does.
+/// One position sample of an axis and what its motor does; of a lift micrometres instead of microdegrees.
 struct AxisSample {
   std::uint64_t time_us = 0;       ///< controller's clock, of the sample
   std::uint32_t counter = 0;       ///< of position samples
@@ -40,6 +40,7 @@ class Plant {
  public:
   virtual PlantInputs inputs(std::uint64_t now_us) = 0;
   virtual AxisSample axis(int axis, std::uint64_t now_us) = 0;
+  // Positions, speeds and accelerations of a lift are micrometres where the others have microdegrees.
   /// Finds the index, makes it position 0 and stands there; a failure is FaultCode::homing_failed or no index_found.
   virtual void home(int axis, std::uint64_t now_us) = 0;
   /// Trapezoid to the target, with a jerk an S-curve; the plant plans it. Speed and acceleration are within the
@@ -48,7 +49,8 @@ class Plant {
                     std::uint32_t acceleration_udeg_per_s2, std::uint32_t jerk_mdeg_per_s3, std::uint64_t now_us) = 0;
   /// Decelerates to standing, from any motion; harmless when standing.
   virtual void stop(int axis, std::uint64_t now_us) = 0;
-  /// Takes the torque off; the next home() puts it back.
+  /// Takes the torque off; the next home() puts it back. What would fall or swing without it is held by a brake or a
+  /// self-locking spindle (PROTOCOL.md, section 0).
   virtual void release(int axis, std::uint64_t now_us) = 0;
   /// Exactly these lasers are enabled from now on.
   virtual void set_lasers(std::uint16_t mask, std::uint64_t now_us) = 0;
@@ -77,7 +79,7 @@ struct ControllerConfig {
   /// After power-up or reset a press on the machine is needed before anything moves or shines. False only where no
   /// person can be near the machine.
   bool locked_at_start = true;
-  struct Axis {
+  struct Axis {  ///< of a lift micrometres and nanometres instead of microdegrees and nanodegrees
     std::uint16_t kind = protocol::kTurntable;
     std::uint16_t features = protocol::kEndless | protocol::kHasIndex | protocol::kClosedLoop;
     std::int32_t travel_min_udeg = 0, travel_max_udeg = 0;  ///< where not endless
@@ -141,7 +143,7 @@ class ControllerCore {
   bool any_motion() const;
   void lasers_off(std::uint16_t mask);
   void halt_all(FaultCode code, std::uint16_t detail);
-  void enter_fault(FaultCode code, std::uint16_t detail);
+  void enter_fault(FaultCode code, std::uint16_t detail, int axis = 0);
   void unlock_by_press();
 
   Refusal safety_refusal() const;
@@ -172,7 +174,7 @@ class ControllerCore {
   PlantInputs inputs_;
   Axis axes_[protocol::kMaxAxes];
   FaultCode fault_ = FaultCode::none;
-  std::uint16_t fault_detail_ = 0;
+  std::uint16_t fault_detail_ = 0, fault_axis_ = 0;
   Refusal refusal_ = Refusal::none;
   bool locked_;
   bool in_emergency_ = false;

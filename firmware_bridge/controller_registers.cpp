@@ -181,6 +181,7 @@ void ControllerCore::put_status(std::uint16_t* words) const {
   words[reg::status::lasers_enabled.offset] = enabled_;
   for (int i = 0; i < config_.lasers; ++i) words[reg::status::lease_left.offset + i] = lease_left_ms(i);
   words[reg::status::lease_expiries.offset] = lease_expiries_;
+  words[reg::status::fault_axis.offset] = fault_axis_;
 }
 
 void ControllerCore::put_axis_status(int index, std::uint16_t* words) const {

@@ -9,9 +9,11 @@ namespace reg = protocol::reg;
 
 namespace {
 
-// The blocks of status and axis 0, without heartbeat_left: reading that would be a sign of life of the host.
+// The blocks of status and axes, without heartbeat_left: reading that would be a sign of life of the host.
 constexpr std::uint16_t kStateFrom = reg::status::boot_id.address();
-constexpr std::uint16_t kStateWords = protocol::status_words(1) - kStateFrom;
+constexpr std::uint16_t state_words(int axes) {
+  return static_cast<std::uint16_t>(protocol::status_words(axes) - kStateFrom);
+}
 
 template <std::size_t N>
 void compose(const Register (&record)[N], const std::uint16_t* state, std::uint16_t* words) {
@@ -63,13 +65,20 @@ int ControllerUsb::control_out(const UsbSetup& setup, const std::uint8_t* data, 
   return exception_ == Exception::none ? 0 : kStall;
 }
 
-bool ControllerUsb::read_state(std::uint16_t* words) {
-  return registers_.read_input(kStateFrom, kStateWords, words) == Exception::none;
+bool ControllerUsb::read_state(int axes, std::uint16_t* words) {
+  return registers_.read_input(kStateFrom, state_words(axes), words) == Exception::none;
+}
+
+int ControllerUsb::axes() {
+  std::uint16_t count = 0;
+  if (axes_ == 0 && registers_.read_input(reg::capabilities::axes.address(), 1, &count) == Exception::none)
+    axes_ = count > protocol::kMaxAxes ? protocol::kMaxAxes : count;
+  return axes_ == 0 ? 1 : axes_;
 }
 
 void ControllerUsb::sample() {
-  std::uint16_t state[kStateWords];
-  if (!read_state(state)) return;
+  std::uint16_t state[state_words(1)];
+  if (!read_state(1, state)) return;
   const std::uint32_t counter = protocol::get_u32(state + reg::axis_status::position_counter.address() - kStateFrom);
   if (counter == newest_counter_) return;
   newest_counter_ = counter;
@@ -82,11 +91,17 @@ void ControllerUsb::sample() {
 }
 
 int ControllerUsb::take_event(std::uint8_t* data) {
-  std::uint16_t state[kStateWords], now[usb::kEventWords];
-  if (!read_state(state)) return 0;
+  std::uint16_t state[state_words(protocol::kMaxAxes)], now[usb::kEventWords];
+  const int count = axes();
+  if (!read_state(count, state)) return 0;
   compose(usb::kEventRegisters, state, now);
   bool changed = !event_sent_;
   for (int i = reg::status::uptime.words(); i < usb::kEventWords; ++i) changed = changed || now[i] != event_[i];
+  for (int axis = 1; axis < count; ++axis) {
+    const std::uint16_t motion = state[reg::axis_status::motion_state.address(axis) - kStateFrom];
+    changed = changed || motion != other_motion_[axis - 1];
+    other_motion_[axis - 1] = motion;
+  }
   if (!changed) return 0;
   for (int i = 0; i < usb::kEventWords; ++i) event_[i] = now[i];
   event_sent_ = true;

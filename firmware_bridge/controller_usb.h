@@ -50,7 +50,8 @@ class ControllerUsb {
   /// Call it as often as the plant samples its position: it notes a new sample for the trace.
   void sample();
   /// Call it when the interrupt endpoint is free: the newest state if it differs from the last one taken, feeding no
-  /// heartbeat. @pre data holds kEventBytes @returns kEventBytes, or 0 while nothing is new
+  /// heartbeat; the same one again if only another axis than the table has changed its motion state. @pre data holds
+  /// kEventBytes @returns kEventBytes, or 0 while nothing is new
   int take_event(std::uint8_t* data);
   /// Call it when the bulk endpoint is free: whole samples, oldest first. @returns bytes, 0 if there are none
   int take_trace(std::uint8_t* data, int capacity);
@@ -58,12 +59,15 @@ class ControllerUsb {
   void reset();
 
  private:
-  bool read_state(std::uint16_t* words);
+  bool read_state(int axes, std::uint16_t* words);
+  int axes();
 
   UsbRegisters& registers_;
   protocol::Exception exception_ = protocol::Exception::none;
   std::uint16_t event_[protocol::usb::kEventWords] = {};
+  std::uint16_t other_motion_[protocol::kMaxAxes - 1] = {};  ///< states of the axes that the event does not hold
   bool event_sent_ = false;
+  int axes_ = 0;  ///< 0: not asked for yet
   std::uint16_t trace_[kTraceSamples][protocol::usb::kTraceWords] = {};
   int trace_first_ = 0, trace_count_ = 0;
   std::uint32_t newest_counter_ = 0;

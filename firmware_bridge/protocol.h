@@ -69,6 +69,7 @@
   X(status, lasers_enabled, 14, u16, 1, "bits")                 \
   X(status, lease_left, 15, u16, 4, "ms")                       \
   X(status, lease_expiries, 19, u16, 1, "count")                \
+  X(status, fault_axis, 20, u16, 1, "")                         \
   X(axis_status, position_time, 0, u64, 1, "us")                \
   X(axis_status, position_counter, 4, u32, 1, "count")          \
   X(axis_status, angle, 6, s32, 1, "udeg")                      \
@@ -132,7 +133,7 @@ enum class Refusal : std::uint16_t { CELADON_REFUSALS(CELADON_ENUMERATOR) };
 
 namespace protocol {
 
-inline constexpr std::uint16_t kMajor = 1, kMinor = 2;
+inline constexpr std::uint16_t kMajor = 1, kMinor = 3;
 inline constexpr std::uint32_t kMagic = 0x43454C41;  ///< "CELA"
 inline constexpr int kMaxAxes = 3, kMaxLasers = 4;
 inline constexpr std::int64_t kTurn_udeg = 360'000'000;
@@ -174,8 +175,9 @@ inline constexpr std::uint16_t kHasWatchdog = 1, kHasInterlock = 2, kHasEmergenc
 inline constexpr std::uint16_t kEndless = 1, kHasIndex = 2, kClosedLoop = 4, kStampedByHost = 8, kTakesJerk = 16;
 // Values of capabilities.laser_class.
 inline constexpr std::uint16_t kClass1 = 1, kClass2 = 2, kClass3R = 3, kClass3B = 4;
-// Values of axis_capabilities.kind; further kinds come with minor versions.
-inline constexpr std::uint16_t kTurntable = 1;
+// Values of axis_capabilities.kind; further kinds come with minor versions. A lift counts in micrometres where the
+// others count in microdegrees.
+inline constexpr std::uint16_t kTurntable = 1, kElevation = 2, kLift = 3;
 // Values of axis_command.command.
 inline constexpr std::uint16_t kNoCommand = 0, kHome = 1, kMove = 2, kStop = 3;
 

@@ -26,22 +26,51 @@ struct DeviceIdentity {
   bool simulated = false;
 };
 
+/// What an axis moves. Its positions are radians; a lift's are millimetres.
+enum class AxisKind : std::uint16_t {
+  turntable = protocol::kTurntable,  ///< the object, about +z
+  elevation = protocol::kElevation,  ///< camera and lasers together, upwards
+  lift = protocol::kLift             ///< the table and what stands on it, upwards
+};
+
+/// "table", "elevation", "lift".
+const char* axis_name(AxisKind kind);
+
+/// What an axis can do: rad, rad/s, rad/s^2; a lift: mm, mm/s, mm/s^2.
+struct AxisLimits {
+  double lowest = -std::numeric_limits<double>::infinity();  ///< of its travel
+  double highest = std::numeric_limits<double>::infinity();
+  double max_speed = 0, max_acceleration = 0;
+  double resolution = 0;  ///< smallest step of the position
+};
+
 struct DeviceCapabilities {
   int axes = 1, lasers = 1;
   bool endless_rotation = true;
   double travel_rad = 0;         ///< 0 if endless
+  double travel_min_rad = 0;     ///< lowest angle, where not endless
   bool takes_jerk = false;       ///< moves may be S-curves
   bool stamped_by_host = false;  ///< position_time_us is when the sample was read, not when it was taken
   double encoder_resolution_rad = 0, max_speed_rad_per_s = 0, max_acceleration_rad_per_s2 = 0;
   int laser_class = 2;          ///< 1, 2, 3 (3R), 4 (3B) as printed in PROTOCOL.md; read-only identity
   std::int64_t lease_ms = 500;  ///< longest laser lease the controller grants
   bool host_watchdog = true;
-  std::int64_t heartbeat_timeout_ms = 1000;  ///< silence after which the controller stops motor and lasers
-  std::int64_t session_timeout_ms = 0;       ///< 0: the controller has no sessions
-  bool remote_enable_switch = false;         ///< a switch at the machine allows or forbids a start from afar
+  std::int64_t heartbeat_timeout_ms = 1000;   ///< silence after which the controller stops motor and lasers
+  std::int64_t session_timeout_ms = 0;        ///< 0: the controller has no sessions
+  bool remote_enable_switch = false;          ///< a switch at the machine allows or forbids a start from afar
+  std::optional<AxisLimits> elevation, lift;  ///< where the machine has them
 };
 
-/// Everything one poll (one block read) brings.
+/// An axis besides the table at the newest poll; radians, of a lift millimetres.
+struct AxisStatus {
+  MotionState motion = MotionState::unhomed;
+  bool homed = false;
+  double position = 0, target = 0, speed = 0;
+  std::uint32_t position_counter = 0;
+  std::uint64_t position_time_us = 0;  ///< controller's clock, of the position sample
+};
+
+/// Everything one poll (one block read) brings. Motion, angle and position are the table's.
 struct DeviceStatus {
   MotionState motion = MotionState::unhomed;
   double angle_rad = 0;  ///< actual, unwrapped
@@ -64,6 +93,7 @@ struct DeviceStatus {
   std::uint16_t boot_id = 0;            ///< changes with every start of the controller
   std::uint64_t uptime_us = 0;          ///< controller's clock when it replied
   std::int64_t host_before_ns = 0, host_after_ns = 0;  ///< around the exchange
+  std::optional<AxisStatus> elevation, lift;           ///< where the machine has them
 };
 
 /// How moves go from now on: where to, and how gently.
@@ -83,9 +113,9 @@ struct LinkQuality {
 /// What make_safe found and left.
 struct SafeReport {
   std::uint16_t lasers_were_on = 0;
-  MotionState motion_was = MotionState::unhomed;
-  bool lasers_off = false, motor_stopped = false;
-  std::string text;  ///< one sentence
+  MotionState motion_was = MotionState::unhomed;   ///< of the table, or of another axis that moved
+  bool lasers_off = false, motor_stopped = false;  ///< motor: of every axis
+  std::string text;                                ///< one sentence
 };
 
 class ScannerDevice {
@@ -132,9 +162,17 @@ class ScannerDevice {
   tl::expected<DeviceStatus, DeviceError> rotate_to(double angle_rad, double speed_rad_per_s);
   /// Starts a constant-speed move to angle_rad and returns once it moves; poll() follows it.
   tl::expected<void, DeviceError> start_sweep(double angle_rad, double speed_rad_per_s);
+  bool has_axis(AxisKind kind) const;
+  /// @pre has_axis(kind)
+  AxisLimits limits(AxisKind kind) const;
+  /// Finds the axis's reference; returns at standstill. Each axis is homed by itself; refused where there is none.
+  tl::expected<void, DeviceError> home_axis(AxisKind kind);
+  /// Absolute move at the axis's greatest speed; returns settled. Refused beyond its travel, and unless it is homed and
+  /// stands; the other axes may move. Radians, of a lift millimetres.
+  tl::expected<void, DeviceError> move_axis(AxisKind kind, double position);
   /// Releases a machine that was stopped or had a fault; it starts nothing. After a fault home() must follow.
   tl::expected<void, DeviceError> clear_fault();
-  /// Stops the motor with its deceleration; returns at standstill.
+  /// Stops every axis with its deceleration; returns at standstill.
   tl::expected<void, DeviceError> stop();
 
   /// Grants or renews a lease on a laser for at most capabilities().lease_ms; call it only from the loop that accepts
@@ -144,7 +182,7 @@ class ScannerDevice {
   tl::expected<void, DeviceError> laser_off();
   tl::expected<void, DeviceError> set_lamp(LampPattern pattern);
 
-  /// Lasers off, motor stopped, verified by reading back; tried even on a broken link. Never throws.
+  /// Lasers off, all axes stopped, verified by reading back; tried even on a broken link. Never throws.
   SafeReport make_safe() noexcept;
 
  private:

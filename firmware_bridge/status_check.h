@@ -23,4 +23,9 @@ struct Contradiction {
 std::optional<Contradiction> contradiction(const DeviceStatus& before, const DeviceStatus& now, bool commanded_between,
                                            const DeviceCapabilities& capabilities);
 
+/// The same of any axis's position alone: how it jumped, one clause. For a lift millimetres, and 0.2 mm instead of 0.2
+/// degrees; unknown_s: by how much the instants of both samples together may be wrong.
+std::optional<std::string> position_jump(AxisKind kind, const AxisStatus& before, const AxisStatus& now,
+                                         bool commanded_between, double max_acceleration, double unknown_s = 0);
+
 }  // namespace celadon

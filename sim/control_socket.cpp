@@ -90,12 +90,21 @@ json press(const Device& d, const Words& words) {
   return {{"presses", d.model.press(static_cast<std::int64_t>(ms * 1e6))}};
 }
 
+// null where there is none.
+json other_axis(const std::optional<DeviceState::OtherAxis>& axis, const char* position) {
+  if (!axis) return nullptr;
+  return {{position, axis->position},
+          {"motion", name_of(protocol::kMotionStates, static_cast<std::uint16_t>(axis->motion))}};
+}
+
 json state(const Device& d, const Words&) {
   const DeviceState s = d.model.state();
   return {{"angle_rad", s.angle_rad},
           {"speed_rad_per_s", s.speed_rad_per_s},
           {"motor_speed_rad_per_s", s.motor_speed_rad_per_s},
           {"motion", name_of(protocol::kMotionStates, static_cast<std::uint16_t>(s.motion))},
+          {"elevation", other_axis(s.elevation, "angle_rad")},
+          {"lift", other_axis(s.lift, "height_mm")},
           {"lasers_on", s.lasers_on},
           {"lease_left_ms", s.lease_left_ms},
           {"lamp", name_of(protocol::kLampPatterns, static_cast<std::uint16_t>(s.lamp))},
@@ -138,11 +147,16 @@ json scene(const Device& d, const Words& words) {
 }
 
 json corners(const Device& d, const Words& words) {
-  double angle = 0;
-  if (words.size() > 2 || (words.size() == 2 && (!parse(words[1], angle) || !std::isfinite(angle)))) {
-    return refused("corners takes the table's angle in radians, 0 without");
+  std::array<double, 3> at{};
+  bool good = words.size() <= 1 + at.size();
+  for (std::size_t i = 1; good && i < words.size(); ++i) good = parse(words[i], at[i - 1]) && std::isfinite(at[i - 1]);
+  if (!good) {
+    return refused(
+        "corners takes what the axes say: the table's angle and the elevation in radians, the lift's height in "
+        "millimetres, each 0 without");
   }
-  return {{"corners", corners_of(d.model.config(), d.model.scene(), angle)}};
+  const Posture posture = d.model.config().optics.axes.at(at[0], at[1], at[2]);
+  return {{"corners", corners_of(d.model.config(), d.model.scene(), posture)}};
 }
 
 json effects(const Device& d, const Words&) {

@@ -68,6 +68,12 @@ double DeviceModel::camera_turn_at(std::int64_t time_ns) const {
   return camera_turn_rad_ + shake * kRad_per_deg + drift;
 }
 
+// Of a machine that has it.
+DeviceModel::OtherAxis* DeviceModel::struck_axis(const std::string& name) {
+  if (name.starts_with("elevation-")) return other_of(protocol::kElevation);
+  return name.starts_with("lift-") ? other_of(protocol::kLift) : nullptr;
+}
+
 void DeviceModel::inject(const FaultOrder& order) {
   if (order.when != FaultOrder::When::time || order.at_ns > now_ns_) {
     faults_.schedule(order);
@@ -86,6 +92,7 @@ void DeviceModel::inject(const FaultOrder& order) {
   if (name == "controller-reset") {
     for (Laser& laser : lasers_) laser.enable(false, now_ns_);
     table_.stop(now_ns_);
+    for (OtherAxis& axis : others_) axis.plant.stop(now_ns_);
     boot();
   }
   if (name == "object-slip") {
@@ -102,6 +109,11 @@ void DeviceModel::inject(const FaultOrder& order) {
   if (name == "laser-dead") lasers_[0].set_dead(true);
   if (name == "laser-flicker") lasers_[0].set_flicker(order.value);
   if (name == "motor-stall") table_.block(true, now_ns_);
+  if (OtherAxis* axis = struck_axis(name)) {
+    if (name.ends_with("-stall")) axis->plant.block(true, now_ns_);
+    if (name == "lift-sink") axis->plant.shift(-order.value, now_ns_);
+    if (name == "lift-slip") axis->plant.slip_encoder(order.value);
+  }
   if (name == "steps-wrong") table_.set_gear_error(order.value, now_ns_);
   if (name == "backlash") table_.set_backlash(order.value * kRad_per_deg);
   if (name == "lights-on") ambient_ = order.value;
@@ -120,6 +132,10 @@ void DeviceModel::clear_fault(const std::string& name) {
   if (name == "motor-stall") {
     table_.block(false, now_ns_);
     table_.clear_stall();
+  }
+  if (OtherAxis* axis = struck_axis(name); axis != nullptr && name.ends_with("-stall")) {
+    axis->plant.block(false, now_ns_);
+    axis->plant.clear_stall();
   }
   if (name == "steps-wrong") table_.set_gear_error(1, now_ns_);
   if (name == "backlash") table_.set_backlash(config_.turntable.backlash_rad);

@@ -14,7 +14,8 @@ namespace {
 constexpr std::int64_t kTick_ns = 1'000'000;
 constexpr std::size_t kHistory = 512;  // ticks: exposure, read-out and a late renderer
 constexpr double kDegree = std::numbers::pi / 180;
-constexpr std::uint64_t kStartAnglePurpose = 3;
+constexpr std::uint64_t kStartAnglePurpose = 3, kStartAxesPurpose = 22;
+constexpr double kUdeg_per_rad = 1e6 / kDegree, kUm_per_mm = 1e3;
 constexpr const char* kVendor = "Celadon";
 constexpr const char* kModel = "Virtual Scanner";
 
@@ -65,6 +66,15 @@ DeviceModel::DeviceModel(const DeviceConfig& config)
       boot_ns_(config.start_ns),
       next_tick_ns_(config.start_ns) {
   if (config_.date.empty()) config_.date = utc_date(std::time(nullptr));
+  // At power-on they stand somewhere in the middle half of their travel.
+  const auto started = [&](TravelAxisConfig drive, std::uint32_t number) {
+    const double share = 0.25 + 0.5 * random_uniform(make_key(config_.seed, kStartAxesPurpose, 0), number);
+    drive.start = drive.lowest + share * (drive.highest - drive.lowest);
+    return drive;
+  };
+  if (config_.optics.axes.elevation)
+    others_.emplace_back(protocol::kElevation, kUdeg_per_rad, started(config_.elevation, 0));
+  if (config_.optics.axes.lift) others_.emplace_back(protocol::kLift, kUm_per_mm, started(config_.lift, 1));
   tick();
   boot();
 }
@@ -72,6 +82,7 @@ DeviceModel::DeviceModel(const DeviceConfig& config)
 void DeviceModel::boot() {
   boot_ns_ = now_ns_;
   sample_ = {};
+  for (OtherAxis& axis : others_) axis.sample = {};
   ControllerConfig c;
   c.vendor = kVendor;
   c.model = kModel;
@@ -86,12 +97,23 @@ void DeviceModel::boot() {
   c.axis[0].max_acceleration_udeg_per_s2 =
       static_cast<std::uint32_t>(to_udeg(config_.turntable.max_acceleration_rad_per_s2));
   c.axis[0].features |= protocol::kTakesJerk;
+  for (const OtherAxis& axis : others_) {
+    ControllerConfig::Axis& a = c.axis[c.axes++];
+    const TravelAxisConfig& drive = axis.plant.config();
+    const auto units = [&](double value) { return std::llround(value * axis.microunits); };
+    a.kind = axis.kind;
+    a.features = protocol::kHasIndex | protocol::kClosedLoop;
+    a.travel_min_udeg = static_cast<std::int32_t>(units(drive.lowest));
+    a.travel_max_udeg = static_cast<std::int32_t>(units(drive.highest));
+    a.encoder_resolution_ndeg = static_cast<std::uint32_t>(units(1e3 * drive.quantum));
+    a.max_speed_udeg_per_s = static_cast<std::uint32_t>(units(drive.max_speed));
+    a.max_acceleration_udeg_per_s2 = static_cast<std::uint32_t>(units(drive.max_acceleration));
+  }
   core_.emplace(c, static_cast<Plant&>(*this), ++boots_, std::uint64_t{0});
 }
 
 void DeviceModel::tick() {
-  history_.push_back({table_.table_angle_rad(now_ns_), table_.table_speed_rad_per_s(now_ns_), lasers_[0].power(now_ns_),
-                      lasers_[1].power(now_ns_)});
+  history_.push_back(motion_now());
   if (history_.size() > kHistory) history_.pop_front();
   while (!presses_.empty() && presses_.front().to_ns + bounce_ns() <= now_ns_) presses_.pop_front();
   next_tick_ns_ += kTick_ns;
@@ -109,6 +131,27 @@ void DeviceModel::tick() {
     fault_since_ns_ = now_ns_;
   }
   if (sampled_) sampled_();
+}
+
+MotionRecord::Sample DeviceModel::motion_now() {
+  MotionRecord::Sample s{table_.table_angle_rad(now_ns_), table_.table_speed_rad_per_s(now_ns_),
+                         lasers_[0].power(now_ns_), lasers_[1].power(now_ns_)};
+  const MachineAxes& axes = config_.optics.axes;
+  if (OtherAxis* e = other_of(protocol::kElevation)) {
+    s.elevation_rad = axes.elevation->scale * e->plant.position(now_ns_);
+    s.elevation_rad_per_s = axes.elevation->scale * e->plant.speed(now_ns_);
+  }
+  if (OtherAxis* l = other_of(protocol::kLift)) {
+    s.lift_mm = axes.lift->scale * l->plant.position(now_ns_);
+    s.lift_mm_per_s = axes.lift->scale * l->plant.speed(now_ns_);
+  }
+  return s;
+}
+
+DeviceModel::OtherAxis* DeviceModel::other_of(std::uint16_t kind) {
+  const auto found =
+      std::find_if(others_.begin(), others_.end(), [kind](const OtherAxis& a) { return a.kind == kind; });
+  return found == others_.end() ? nullptr : &*found;
 }
 
 void DeviceModel::advance_to(std::int64_t time_ns) {
@@ -151,8 +194,35 @@ PlantInputs DeviceModel::inputs(std::uint64_t /*now_us*/) {
   return in;
 }
 
-// The drive samples its encoder once a millisecond.
-AxisSample DeviceModel::axis(int /*axis*/, std::uint64_t now_us) {
+// Drives sample their encoders once a millisecond.
+AxisSample DeviceModel::axis(int axis, std::uint64_t now_us) {
+  OtherAxis* const one = other(axis);
+  return one != nullptr ? other_sample(*one, now_us) : table_sample(now_us);
+}
+
+AxisSample DeviceModel::other_sample(OtherAxis& axis, std::uint64_t now_us) {
+  AxisSample& s = axis.sample;
+  const std::uint64_t at_us = now_us / 1000 * 1000;
+  if (s.counter == 0 || at_us != s.time_us) {
+    const std::int64_t at_ns = std::min(boot_ns_ + static_cast<std::int64_t>(at_us) * 1000, now_ns_);
+    s.time_us = at_us;
+    s.counter = ++axis.samples_taken;
+    s.position_udeg = std::llround(axis.plant.encoder(at_ns) * axis.microunits);
+    s.speed_udeg_per_s = static_cast<std::int32_t>(std::llround(axis.plant.speed(at_ns) * axis.microunits));
+  }
+  const TravelAxis::Phase phase = axis.plant.phase(now_ns_);
+  s.index_found = axis.plant.index_found(now_ns_);
+  s.fault = axis.plant.stalled()  ? FaultCode::motor_stalled
+            : axis.plant.at_end() ? FaultCode::travel_limit
+                                  : FaultCode::none;
+  s.phase = phase == TravelAxis::Phase::standing ? AxisPhase::standing
+            : phase == TravelAxis::Phase::moving ? AxisPhase::moving
+                                                 : AxisPhase::settling;
+  if (s.phase == AxisPhase::standing) s.speed_udeg_per_s = 0;
+  return s;
+}
+
+AxisSample DeviceModel::table_sample(std::uint64_t now_us) {
   const std::uint64_t at_us = now_us / 1000 * 1000;
   if (samples_taken_ == 0 || at_us != sample_.time_us || sample_.counter == 0) {
     const std::int64_t at_ns = std::min(boot_ns_ + static_cast<std::int64_t>(at_us) * 1000, now_ns_);
@@ -178,19 +248,27 @@ AxisSample DeviceModel::axis(int /*axis*/, std::uint64_t now_us) {
   return sample_;
 }
 
-void DeviceModel::home(int /*axis*/, std::uint64_t /*now_us*/) {
+void DeviceModel::home(int axis, std::uint64_t /*now_us*/) {
+  if (OtherAxis* one = other(axis)) return one->plant.home(now_ns_);
   table_.home(now_ns_);
 }
-void DeviceModel::move(int /*axis*/, std::int64_t target_udeg, std::uint32_t speed_udeg_per_s,
+void DeviceModel::move(int axis, std::int64_t target_udeg, std::uint32_t speed_udeg_per_s,
                        std::uint32_t acceleration_udeg_per_s2, std::uint32_t jerk_mdeg_per_s3,
                        std::uint64_t /*now_us*/) {
+  if (OtherAxis* one = other(axis)) {
+    const double unit = 1 / one->microunits;
+    return one->plant.move(static_cast<double>(target_udeg) * unit, speed_udeg_per_s * unit,
+                           acceleration_udeg_per_s2 * unit, now_ns_);
+  }
   table_.move(from_udeg(target_udeg), from_udeg(speed_udeg_per_s), from_udeg(acceleration_udeg_per_s2), now_ns_,
               from_udeg(std::int64_t{jerk_mdeg_per_s3} * 1000));
 }
-void DeviceModel::stop(int /*axis*/, std::uint64_t /*now_us*/) {
+void DeviceModel::stop(int axis, std::uint64_t /*now_us*/) {
+  if (OtherAxis* one = other(axis)) return one->plant.stop(now_ns_);
   table_.stop(now_ns_);
 }
-void DeviceModel::release(int /*axis*/, std::uint64_t /*now_us*/) {
+void DeviceModel::release(int axis, std::uint64_t /*now_us*/) {
+  if (OtherAxis* one = other(axis)) return one->plant.release(now_ns_);
   table_.release(now_ns_);
 }
 void DeviceModel::set_lasers(std::uint16_t mask, std::uint64_t /*now_us*/) {
@@ -282,6 +360,12 @@ DeviceState DeviceModel::state() {
   s.speed_rad_per_s = table_.table_speed_rad_per_s(now_ns_);
   s.motor_speed_rad_per_s = table_.motor_speed_rad_per_s(now_ns_);
   s.motion = core_->motion(0);
+  const MotionRecord::Sample motion = motion_now();
+  for (std::size_t i = 0; i < others_.size(); ++i) {
+    const bool elevation = others_[i].kind == protocol::kElevation;
+    (elevation ? s.elevation : s.lift) = {elevation ? motion.elevation_rad : motion.lift_mm,
+                                          core_->motion(static_cast<int>(i) + 1)};
+  }
   s.lasers_on = lasers_that_emit();
   s.lease_left_ms = core_->lease_left_ms(0);
   s.lamp = core_->lamp();
@@ -335,6 +419,20 @@ Calibration DeviceModel::calibration() const {
   c.axis.X_CW = o.X_CW;
   c.axis.u_direction_rad = 1e-9;
   c.axis.u_position_mm = 1e-6;
+  if (o.axes.elevation) {
+    ElevationAxis& e = c.elevation.emplace();
+    e.origin_mm = o.axes.elevation->origin_S;
+    e.direction = o.axes.elevation->direction_S;
+    e.u_direction_rad = 1e-9;
+    e.u_origin_mm = 1e-6;
+    e.scale = {o.axes.elevation->scale, 1e-9};
+  }
+  if (o.axes.lift) {
+    LiftAxis& l = c.lift.emplace();
+    l.direction = o.axes.lift->direction_S;
+    l.u_direction_rad = 1e-9;
+    l.scale = {o.axes.lift->scale, 1e-9};
+  }
   c.encoder_scale = {1, 1e-9};
   c.direction = 1;
   c.scale = {1, 1e-9};
@@ -342,6 +440,11 @@ Calibration DeviceModel::calibration() const {
   c.time.stamp_offset_ns = {-static_cast<double>(config_.camera.stamp_latency_ns), 1};
   c.time.exposure_factor = {-0.5, 1e-9};
   c.time.line_time_ns = {static_cast<double>(config_.camera.line_time_ns()), 1e-3};
+  const std::vector<PrintedCorner> corners = RimTags(config_.rim_tags).corners();
+  for (std::size_t k = 0; k + 3 < corners.size(); k += 4) {  // from the lower left on, against the clock
+    c.rim_tags.push_back(
+        {corners[k].id, {corners[k + 3].p, corners[k + 2].p, corners[k + 1].p, corners[k].p}, 1e-6});
+  }
   return c;
 }
 

@@ -21,6 +21,7 @@
 #include "sim/laser.h"
 #include "sim/optics.h"
 #include "sim/scene.h"
+#include "sim/travel_axis.h"
 #include "sim/turntable.h"
 
 namespace celadon::sim {
@@ -34,6 +35,7 @@ struct DeviceConfig {
   std::string date;              ///< of the calibration, ISO 8601; empty: the day of the start
   bool locked_at_start = false;  ///< a press of the button is needed before anything moves or shines
   TurntableConfig turntable;
+  TravelAxisConfig elevation = elevation_drive(), lift = lift_drive();  ///< where optics.axes says that there are such
   LaserConfig laser;
   ThermalDrift thermal;
   CameraConfig camera;
@@ -49,6 +51,11 @@ struct DeviceState {
   double angle_rad = 0, speed_rad_per_s = 0;  ///< of the table
   double motor_speed_rad_per_s = 0;
   MotionState motion = MotionState::unhomed;
+  struct OtherAxis {
+    double position = 0;  ///< rad or mm, true
+    MotionState motion = MotionState::unhomed;
+  };
+  std::optional<OtherAxis> elevation, lift;
   std::uint16_t lasers_on = 0;  ///< that emit
   std::uint32_t lease_left_ms = 0;
   LampPattern lamp = LampPattern::off;
@@ -131,10 +138,27 @@ class DeviceModel final : private Plant {
   void set_lasers(std::uint16_t mask, std::uint64_t now_us) override;
   void set_lamp(LampPattern pattern, std::uint64_t now_us) override;
 
+  /// An axis besides the table: its plant, and what the drive says.
+  struct OtherAxis {
+    explicit OtherAxis(std::uint16_t kind_, double units, const TravelAxisConfig& config)
+        : kind(kind_), microunits(units), plant(config) {}
+    std::uint16_t kind;  ///< protocol::kElevation or kLift
+    double microunits;   ///< of the protocol in one rad or mm
+    TravelAxis plant;
+    AxisSample sample;
+    std::uint32_t samples_taken = 0;
+  };
+  OtherAxis* other(int axis) { return axis > 0 ? &others_[static_cast<std::size_t>(axis - 1)] : nullptr; }
+  OtherAxis* other_of(std::uint16_t kind);
+  AxisSample table_sample(std::uint64_t now_us);
+  AxisSample other_sample(OtherAxis& axis, std::uint64_t now_us);
+  MotionRecord::Sample motion_now();
+
   void boot();
   void tick();
   // device_faults.cpp
   void strike(const std::vector<FaultOrder>& orders);
+  OtherAxis* struck_axis(const std::string& name);
   bool button_down() const;
   int laser_count() const { return config_.optics.second_sheet ? 2 : 1; }
   std::uint16_t lasers_that_emit() const;
@@ -156,6 +180,7 @@ class DeviceModel final : private Plant {
   };
   std::deque<Placed> placed_;  ///< what stands on the table, and what stood there when frames under way were exposed
   Turntable table_;
+  std::vector<OtherAxis> others_;  ///< axis blocks 1 and up: elevation before lift
   std::array<Laser, 2> lasers_;
   CameraTimeline camera_;
   FaultPlan faults_;

@@ -22,13 +22,15 @@ nlohmann::json effects_of(const DeviceConfig& device) {
           {"glaze", o.glaze}};
 }
 
-nlohmann::json corners_of(const DeviceConfig& device, const Scene& scene, double angle_rad) {
+nlohmann::json corners_of(const DeviceConfig& device, const Scene& scene, const Posture& posture) {
   const VirtualCamera camera(device.optics.camera, device.optics.X_CW);
-  const TablePose pose = scene.table_pose(angle_rad, device.optics.spindle);
+  const OpticsConfig& o = device.optics;
+  const TablePose seen = scene.table_pose(posture, o.spindle, o.axes);
+  const TablePose stands = scene.table_pose({posture.table_rad, 0, posture.lift_mm}, o.spindle, o.axes);
   nlohmann::json corners = nlohmann::json::array();
   for (const PrintedCorner& corner : scene.corners()) {
-    const Eigen::Vector3d p = pose.to_scanner(corner.p);
-    const Eigen::Vector2d pixel = camera.project(p);
+    const Eigen::Vector3d p = stands.to_head(corner.p);  // the head's frame at elevation 0 is the scanner's
+    const Eigen::Vector2d pixel = camera.project(seen.to_head(corner.p));
     const bool inside = pixel.x() > -0.5 && pixel.y() > -0.5 && pixel.x() < camera.intrinsics().width_px - 0.5 &&
                         pixel.y() < camera.intrinsics().height_px - 0.5;
     if (!inside) continue;

@@ -11,8 +11,8 @@ namespace celadon::sim {
 /// formulas are in effects.h, optics.h and turntable.h.
 nlohmann::json effects_of(const DeviceConfig& device);
 
-/// Corners of calibration targets that lie in the picture with the table at an angle: tag (0 of a
+/// Corners of calibration targets that lie in the picture with the machine in a posture: tag (0 of a
 /// chessboard), corner, pixel, and the point in the scanner frame. Hidden behind the object or not.
-nlohmann::json corners_of(const DeviceConfig& device, const Scene& scene, double angle_rad);
+nlohmann::json corners_of(const DeviceConfig& device, const Scene& scene, const Posture& posture);
 
 }  // namespace celadon::sim

@@ -4,8 +4,6 @@
 #include <Eigen/Geometry>
 #include <cmath>
 
-#include "sim/rotation.h"
-
 namespace celadon::sim {
 
 /// Error motion of the spindle, synchronous, at table angle a: the table frame moves by
@@ -43,31 +41,6 @@ struct ReflectanceFields {
 /// The camera turns about its own vertical as the machine warms up: by turn (1 - e^(-t / time constant)).
 struct ThermalDrift {
   double camera_turn_rad = 0, time_constant_s = 600;
-};
-
-/// Where the table frame is at a table angle: p_W = motion Rz(angle) p_T.
-class TablePose {
- public:
-  TablePose(double angle_rad, const SpindleErrors& errors) : cos_(std::cos(angle_rad)), sin_(std::sin(angle_rad)) {
-    if (!errors.any()) return;
-    errs_ = true;
-    motion_ = errors.motion(angle_rad);
-  }
-  Eigen::Vector3d to_table(const Eigen::Vector3d& p_W) const {
-    return turned(errs_ ? motion_.inverse(Eigen::Isometry) * p_W : p_W, cos_, -sin_);
-  }
-  Eigen::Vector3d direction_to_table(const Eigen::Vector3d& d_W) const {
-    return turned(errs_ ? Eigen::Vector3d(motion_.linear().transpose() * d_W) : d_W, cos_, -sin_);
-  }
-  Eigen::Vector3d to_scanner(const Eigen::Vector3d& p_T) const {
-    const Eigen::Vector3d p = turned(p_T, cos_, sin_);
-    return errs_ ? motion_ * p : p;
-  }
-
- private:
-  double cos_, sin_;
-  bool errs_ = false;
-  Eigen::Isometry3d motion_ = Eigen::Isometry3d::Identity();
 };
 
 }  // namespace celadon::sim

@@ -5,15 +5,20 @@
 
 namespace celadon::sim {
 
-double MotionRecord::angle_rad(std::int64_t time_ns) const {
+Posture MotionRecord::posture(std::int64_t time_ns) const {
   const double at = std::clamp(static_cast<double>(time_ns - first_ns) / static_cast<double>(step_ns), 0.0,
                                static_cast<double>(samples.size() - 1));
   const auto i = std::min(static_cast<std::size_t>(at), samples.size() - 1), j = std::min(i + 1, samples.size() - 1);
   const double f = at - static_cast<double>(i), dt = static_cast<double>(step_ns) * 1e-9;
-  const double a = samples[i].angle_rad, b = samples[j].angle_rad;
-  const double va = samples[i].speed_rad_per_s * dt, vb = samples[j].speed_rad_per_s * dt;
-  const double d = b - a;
-  return a + f * (va + f * ((3 * d - 2 * va - vb) + f * (va + vb - 2 * d)));
+  const auto between = [&](double Sample::*position, double Sample::*speed) {
+    const double a = samples[i].*position, b = samples[j].*position;
+    const double va = samples[i].*speed * dt, vb = samples[j].*speed * dt;
+    const double d = b - a;
+    return a + f * (va + f * ((3 * d - 2 * va - vb) + f * (va + vb - 2 * d)));
+  };
+  return {between(&Sample::angle_rad, &Sample::speed_rad_per_s),
+          between(&Sample::elevation_rad, &Sample::elevation_rad_per_s),
+          between(&Sample::lift_mm, &Sample::lift_mm_per_s)};
 }
 
 double MotionRecord::mean_power(std::int64_t from_ns, std::int64_t to_ns, int laser) const {
@@ -39,9 +44,9 @@ double MotionRecord::mean_power(std::int64_t from_ns, std::int64_t to_ns, int la
   return sum / (end - begin);
 }
 
-double Exposure::angle_at(double row, double node) const {
+Posture Exposure::posture_at(double row, double node) const {
   const double at = static_cast<double>(line_time_ns) * row + 0.5 * (node - 1) * static_cast<double>(exposure_ns);
-  return motion.angle_rad(first_row_end_ns + std::llround(at));
+  return motion.posture(first_row_end_ns + std::llround(at));
 }
 
 }  // namespace celadon::sim

@@ -18,7 +18,7 @@ using When = FaultOrder::When;
 constexpr std::uint64_t kPlanPurpose = 11;
 constexpr double kMostSeconds = 1e6;
 
-constexpr std::array<FaultKind, 39> kKinds{{
+constexpr std::array<FaultKind, 43> kKinds{{
     // link
     {"modbus-silent", "requests are done but not answered", "REQUESTS (0: until cleared)", 0, 0, 1e6, Lasts::count},
     {"heartbeat-lost", "requests neither arrive nor are answered", "REQUESTS (0: until cleared)", 0, 0, 1e6,
@@ -48,6 +48,11 @@ constexpr std::array<FaultKind, 39> kKinds{{
     {"steps-wrong", "the table turns further than the encoder says by this factor", "FACTOR", 1.01, 0.5, 2,
      Lasts::until_cleared},
     {"encoder-slip", "the encoder jumps, once", "DEG", 1, -360, 360, Lasts::once},
+    {"elevation-stall", "the elevation axis is blocked, where there is one", "", 0, 0, 0, Lasts::until_cleared},
+    {"lift-stall", "the lift is blocked, where there is one", "", 0, 0, 0, Lasts::until_cleared},
+    {"lift-sink", "the lift sinks under its load, once", "MM", 2, -50, 50, Lasts::once},
+    {"lift-slip", "the lift's encoder jumps, once: behind its travel lies a hard end", "MM", 20, -500, 500,
+     Lasts::once},
     // laser
     {"laser-dead", "the laser does not emit", "", 0, 0, 0, Lasts::until_cleared},
     {"laser-flicker", "the laser goes out for this share of the time, in moments of 8 ms", "SHARE", 0.3, 0, 1,

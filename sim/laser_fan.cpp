@@ -14,7 +14,8 @@ using Eigen::Vector3d;
 constexpr auto kMiddlePlace = static_cast<std::size_t>(kAcross / 2);
 constexpr double kNeighbours_px = 6;  // rays of a smooth surface that are further apart get others in between
 constexpr double kTouching_px = 0.05;
-constexpr int kDeepest = 9;  // halvings of the fan's step: 0.5 micrometres
+constexpr double kLowest_mm = -60, kHighest_mm = 180;  // of a fan that lights more than the camera sees
+constexpr int kDeepest = 9;                            // halvings of the fan's step: 0.5 micrometres
 
 double apart_px(const Beam& a, const Beam& b) {
   return std::hypot(a.x_px - b.x_px, a.y_px - b.y_px);
@@ -33,12 +34,16 @@ LaserFan::LaserFan(const OpticsConfig& config, const LaserSheet& sheet, const Sc
   // Above the top's near end; of a top below the emitter up to its far end.
   const double below = sheet_.emitter_W.z() - scene.z_max_mm(), far = scene.r_max_mm() + 1;
   const double from = sheet_.emitter_W.head<2>().norm();
-  const double top = scene.z_max_mm() + std::max(6.0, below * (kAim_mm + far) / (from + far) + 1);
+  double top = scene.z_max_mm() + std::max(6.0, below * (kAim_mm + far) / (from + far) + 1);
   // The fan in steps of nearly two rows at 30 mm in front of the axis; cubics in between err by 1e-4 px.
   const double step = 0.22 * 1024 / config_.camera.height_px;
   const double c = std::cos(sheet.azimuth_rad), s = std::sin(sheet.azimuth_rad);
   const Vector3d normal = turned(sheet.normal_W, c, -s);
   double z = -15;
+  if (config_.axes.any()) {
+    z = kLowest_mm;
+    top = kHighest_mm;
+  }
   while (z < top) {
     Vector3d aim(kAim_mm, 0, z);
     aim.y() = (sheet.distance_mm - normal.x() * aim.x() - normal.z() * z) / normal.y();
@@ -49,17 +54,18 @@ LaserFan::LaserFan(const OpticsConfig& config, const LaserSheet& sheet, const Sc
   }
 }
 
-double LaserFan::angle_for_row(const Exposure& exposure, double row, double node) const {
-  return exposure.angle_at(std::clamp(row, 0.0, config_.camera.height_px - 1.0), node);
+Posture LaserFan::posture_for_row(const Exposure& exposure, double row, double node) const {
+  return exposure.posture_at(std::clamp(row, 0.0, config_.camera.height_px - 1.0), node);
 }
 
 LaserFan::View LaserFan::view_of(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure,
                                  double node) const {
-  const bool rows_differ = exposure.line_time_ns != 0 && !turns_invisibly(scene) &&
-                           std::abs(angle_for_row(exposure, 0, node) - angle_for_row(exposure, 1e9, node)) > 1e-9;
+  const bool rows_differ =
+      exposure.line_time_ns != 0 && apart_rad(posture_for_row(exposure, 0, node), posture_for_row(exposure, 1e9, node),
+                                              !turns_invisibly(scene)) > 1e-9;
   const double middle_row = 0.5 * (config_.camera.height_px - 1);
-  const double angle = angle_for_row(exposure, middle_row, node);
-  return {scene, camera, exposure, node, angle, scene.table_pose(angle, config_.spindle), rows_differ};
+  const Posture middle = posture_for_row(exposure, middle_row, node);
+  return {scene, camera, exposure, node, middle, scene.table_pose(middle, config_.spindle, config_.axes), rows_differ};
 }
 
 Ray LaserFan::ray_W(const Vector3d& direction, int k) const {
@@ -67,10 +73,11 @@ Ray LaserFan::ray_W(const Vector3d& direction, int k) const {
 }
 
 // One ray of the sheet to where it meets the scene, and that point into the image.
-Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, const std::optional<Near>& near) const {
+Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, const Posture& posture,
+                         const std::optional<Near>& near) const {
   Beam beam;
   const TablePose pose =
-      angle_rad == view.middle_angle ? view.middle_pose : view.scene.table_pose(angle_rad, config_.spindle);
+      posture == view.middle ? view.middle_pose : view.scene.table_pose(posture, config_.spindle, config_.axes);
   const Ray ray_T{pose.to_table(ray_W.p), pose.direction_to_table(ray_W.d)};
   std::optional<Hit> hit;
   if (near) hit = view.scene.refine(ray_T, near->t, near->facet);
@@ -82,13 +89,13 @@ Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, c
   const double facing = -hit->normal.dot(ray_T.d);
   if (hit->normal.dot(to_camera) <= 0 || facing <= 0) return beam;
   if (!seen && view.scene.intersect({hit->p + 0.02 * hit->normal, to_camera}, 0, 1)) return beam;
-  const Vector3d p_W = pose.to_scanner(hit->p);
-  const Eigen::Vector2d pixel = view.camera.project(p_W);
+  const Vector3d p_H = pose.to_head(hit->p);
+  const Eigen::Vector2d pixel = view.camera.project(p_H);
   beam.x_px = pixel.x();
   beam.y_px = pixel.y();
-  beam.p = p_W.cast<float>();
+  beam.p = p_H.cast<float>();
   beam.t = hit->t;
-  beam.angle_rad = angle_rad;
+  beam.posture = posture;
   beam.surface = hit->material == Material::platter ? Beam::kPlatter : hit->surface;
   beam.facet = hit->facet;
   // A fan spreads in one direction: irradiance falls as 1 / distance.
@@ -107,7 +114,7 @@ Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, double angle_rad, c
 void LaserFan::dress(const View& view, const Hit& hit, const Ray& ray_T, const TablePose& pose, Beam& beam) const {
   if (config_.subsurface.share > 0) {
     const Vector3d inside = hit.p + config_.subsurface.depth_mm * ray_T.d.normalized();
-    beam.halo_px = static_cast<float>(view.camera.project(pose.to_scanner(inside)).x() - beam.x_px);
+    beam.halo_px = static_cast<float>(view.camera.project(pose.to_head(inside)).x() - beam.x_px);
   }
   if (config_.fields.contrast != 1) {
     const double psi = std::atan2(hit.p.y(), hit.p.x()) / (2 * std::numbers::pi);
@@ -124,16 +131,16 @@ bool LaserFan::turns_invisibly(const Scene& scene) const {
 Beam LaserFan::trace_middle(const View& view, const Vector3d& direction, const Beam* near) const {
   const Ray middle = ray_W(direction, kAcross / 2);
   if (near != nullptr) {
-    const double angle = view.rows_differ ? angle_for_row(view.exposure, near->y_px, view.node) : view.middle_angle;
-    if (near->surface == Beam::kPlatter) return trace_ray(view, middle, angle, std::nullopt);
-    return trace_ray(view, middle, angle, Near{near->t, near->facet, true});
+    const Posture posture = view.rows_differ ? posture_for_row(view.exposure, near->y_px, view.node) : view.middle;
+    if (near->surface == Beam::kPlatter) return trace_ray(view, middle, posture, std::nullopt);
+    return trace_ray(view, middle, posture, Near{near->t, near->facet, true});
   }
-  const Beam beam = trace_ray(view, middle, view.middle_angle, std::nullopt);
+  const Beam beam = trace_ray(view, middle, view.middle, std::nullopt);
   if (!view.rows_differ || !beam.visible()) return beam;
-  // The row a point falls on sets its instant, the instant the angle, the angle (weakly) the row.
-  const double angle = angle_for_row(view.exposure, beam.y_px, view.node);
-  if (beam.surface == Beam::kPlatter) return trace_ray(view, middle, angle, std::nullopt);
-  return trace_ray(view, middle, angle, Near{beam.t, beam.facet, !view.scene.has_edges()});
+  // The row a point falls on sets its instant, the instant the posture, the posture (weakly) the row.
+  const Posture posture = posture_for_row(view.exposure, beam.y_px, view.node);
+  if (beam.surface == Beam::kPlatter) return trace_ray(view, middle, posture, std::nullopt);
+  return trace_ray(view, middle, posture, Near{beam.t, beam.facet, !view.scene.has_edges()});
 }
 
 // Rays between the strand's last one and the ray `to`, which met `end`.
@@ -220,7 +227,7 @@ void LaserFan::trace_across(const View& view, const Strand* near, Strand& strand
         const double further = !goes_on(1) ? 0 : goes_on(2) ? 2 * further_by(1) - further_by(2) : further_by(1);
         start = {centre.t + further, goes_on(1) ? beams[j - 1].facet : centre.facet, !view.scene.has_edges()};
       }
-      beams[j] = trace_ray(view, ray_W(strand.directions[j], static_cast<int>(k)), centre.angle_rad, start);
+      beams[j] = trace_ray(view, ray_W(strand.directions[j], static_cast<int>(k)), centre.posture, start);
       if (!view.scene.has_edges() && beams[j].surface != centre.surface) beams[j] = {};
     }
   }

@@ -25,8 +25,9 @@ struct Beam {
   float halo_px = 0;         ///< x of what leaves the object again, less x_px
   int surface = kNothing;    ///< of the object, kPlatter, or nothing visible
   int facet = 0;
-  bool joined = false;          ///< the line goes on to the next ray's point
-  double t = 0, angle_rad = 0;  ///< along the ray; of the table
+  bool joined = false;  ///< the line goes on to the next ray's point
+  double t = 0;         ///< along the ray
+  Posture posture;      ///< of the machine
   Eigen::Vector3f p = Eigen::Vector3f::Zero();
 
   bool visible() const { return surface != kNothing; }
@@ -44,11 +45,11 @@ double across_mm(const LaserSheet& sheet, int k);
 
 class LaserFan {
  public:
-  /// From below the platter to a little over the scene's top.
+  /// From below the platter to a little over the scene's top; where head or table move, as far as the camera sees.
   LaserFan(const OpticsConfig& config, const LaserSheet& sheet, const Scene& scene);
 
   const LaserSheet& sheet() const { return sheet_; }
-  /// The line looks the same at every table angle.
+  /// The line looks the same at every table angle, as long as head and lift stand.
   bool turns_invisibly(const Scene& scene) const;
   /// Traces all places across the sheet. A ray hits what is first in its way (the laser's shadow) and counts if the
   /// camera sees that point. `node` in [-1, 1] is the place within the exposure. Where a scene has edges, rays are
@@ -67,19 +68,20 @@ class LaserFan {
     const Scene& scene;
     const VirtualCamera& camera;
     const Exposure& exposure;
-    double node, middle_angle;
+    double node;
+    Posture middle;
     TablePose middle_pose;
     bool rows_differ;
   };
   View view_of(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure, double node) const;
-  double angle_for_row(const Exposure& exposure, double row, double node) const;
+  Posture posture_for_row(const Exposure& exposure, double row, double node) const;
   Ray ray_W(const Eigen::Vector3d& direction, int k) const;
   struct Near {  ///< a neighbour's point on the object, and where on this ray to look for it
     double t;
     int facet;
     bool is_seen;  ///< what the neighbour says of the camera's view holds here too
   };
-  Beam trace_ray(const View& view, const Ray& ray_W, double angle_rad, const std::optional<Near>& near) const;
+  Beam trace_ray(const View& view, const Ray& ray_W, const Posture& posture, const std::optional<Near>& near) const;
   void dress(const View& view, const Hit& hit, const Ray& ray_T, const TablePose& pose, Beam& beam) const;
   Beam trace_middle(const View& view, const Eigen::Vector3d& direction, const Beam* near) const;
   void add_between(const View& view, const Eigen::Vector3d& to, const Beam& end, int depth, Strand& strand) const;

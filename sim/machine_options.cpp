@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "sim/machine_axes.h"
+
 namespace celadon::sim {
 
 void add_machine_options(CLI::App& app, Options& o) {
@@ -63,6 +65,9 @@ void add_machine_options(CLI::App& app, Options& o) {
   app.add_option("--lasers", o.lasers, "1, or 2: one on each side of the camera")
       ->check(CLI::Range(1, 2))
       ->capture_default_str();
+  app.add_flag("--elevation", o.elevation,
+               "camera and lasers turn together about a horizontal axis, -10 to 70 degrees");
+  app.add_flag("--lift", o.lift, "the table rises and sinks, -150 to 150 mm");
   app.add_option("--rim-tags", o.rim_tags, "AprilTags (tag36h11, from 100 on) round the platter's edge")
       ->check(CLI::Range(0, 24))
       ->capture_default_str();
@@ -135,6 +140,7 @@ DeviceConfig device_of(const Options& o) {
   optics.sheet.sigma_mm = o.sheet_sigma_mm;
   optics.sheet.bow_mm = o.sheet_bow_mm;
   if (o.lasers == 2) optics.second_sheet = mirrored_sheet(optics.sheet);
+  optics.axes = draw_axes(o.seed, optics.X_CW, o.elevation, o.lift);
   optics.spindle = {o.spindle_radial_um * 1e-3, o.spindle_axial_um * 1e-3, o.spindle_tilt_urad * 1e-6};
   optics.subsurface = {o.subsurface, o.subsurface_depth_mm};
   optics.fields = {o.fields_contrast, o.fields_pitch_mm};

@@ -167,9 +167,51 @@ int print_truth(const Options& o, double angle_deg, double z_mm) {
   return kGood;
 }
 
-int write_frame(const Options& o, double angle_deg, double speed_deg_per_s, bool laser, const std::string& file) {
+/// What the axes of a machine that is asked about say.
+struct Readings {
+  double angle_deg = 0, elevation_deg = 0, lift_mm = 0;
+
+  void add_options(CLI::App& command) {
+    command.add_option("--elevation-angle", elevation_deg, "what the elevation axis says, degrees (with --elevation)")
+        ->capture_default_str();
+    command.add_option("--lift-height", lift_mm, "what the lift says, mm (with --lift)")->capture_default_str();
+  }
+  /// One sentence where the machine has no such axis, or not so far.
+  std::optional<std::string> impossible(const DeviceConfig& device) const {
+    const auto check = [](const char* option, const char* flag, double value, bool there, double low,
+                          double high) -> std::optional<std::string> {
+      std::array<char, 160> text{};
+      if (value != 0 && !there) {
+        std::snprintf(text.data(), text.size(), "%s %g needs a machine with such an axis; add %s", option, value, flag);
+        return text.data();
+      }
+      if (!(value >= low && value <= high)) {
+        std::snprintf(text.data(), text.size(), "%s %g is beyond the axis's travel; give %g to %g", option, value, low,
+                      high);
+        return text.data();
+      }
+      return std::nullopt;
+    };
+    constexpr double kDeg = 180 / std::numbers::pi;
+    const MachineAxes& axes = device.optics.axes;
+    auto wrong = check("--elevation-angle", "--elevation", elevation_deg, axes.elevation.has_value(),
+                       device.elevation.lowest * kDeg - 1e-9, device.elevation.highest * kDeg + 1e-9);
+    if (!wrong) {
+      wrong = check("--lift-height", "--lift", lift_mm, axes.lift.has_value(), device.lift.lowest, device.lift.highest);
+    }
+    return wrong;
+  }
+  Posture posture(const DeviceConfig& device) const {
+    constexpr double kRad = std::numbers::pi / 180;
+    return device.optics.axes.at(angle_deg * kRad, elevation_deg * kRad, lift_mm);
+  }
+};
+
+int write_frame(const Options& o, const Readings& at, double speed_deg_per_s, bool laser, const std::string& file) {
   const DeviceConfig device = device_of(o);
-  const double angle = angle_deg * std::numbers::pi / 180, speed = speed_deg_per_s * std::numbers::pi / 180;
+  if (const auto wrong = at.impossible(device)) return fail(kInput, *wrong);
+  const Posture posture = at.posture(device);
+  const double angle = posture.table_rad, speed = speed_deg_per_s * std::numbers::pi / 180;
   Renderer renderer(DeviceModel(device).scene(), device.optics);
   Exposure e;
   e.seed = o.seed;
@@ -179,7 +221,7 @@ int write_frame(const Options& o, double angle_deg, double speed_deg_per_s, bool
   const std::int64_t middle = e.exposure_ns / 2 - e.line_time_ns * device.camera.height_px / 2;
   for (std::int64_t ms = -1000; ms <= 1000; ++ms) {
     e.motion.samples.push_back({angle + speed * 1e-9 * static_cast<double>(ms * 1'000'000 + middle), speed,
-                                laser ? 1.0 : 0.0, laser ? 1.0 : 0.0});
+                                laser ? 1.0 : 0.0, laser ? 1.0 : 0.0, posture.elevation_rad, 0, posture.lift_mm, 0});
   }
   e.motion.first_ns = -1'000'000'000;
   std::vector<std::uint8_t> bytes(device.camera.frame_bytes());
@@ -233,25 +275,30 @@ int run(int argc, char** argv) {
   scene->add_option("scene", scene_name, "as --scene; without: what is there");
   auto* state = app.add_subcommand("state", "how the running scanner really is");
   std::string calibration_file;
-  double truth_angle = 0, truth_z = 0;
+  double truth_z = 0;
+  Readings truth_readings, frame_readings;
   auto* truth = app.add_subcommand("truth", "the true calibration, or the object's true radius in the scanner frame");
   auto* truth_file =
       truth->add_option("--calibration", calibration_file, "write the true parameters to this file (-: print them)");
-  auto* truth_at = truth->add_option("--angle", truth_angle, "angle, degrees");
+  auto* truth_at = truth->add_option("--angle", truth_readings.angle_deg, "angle, degrees");
   truth->add_option("--z", truth_z, "height, mm")->needs(truth_at);
   truth_file->excludes(truth_at);
   bool truth_effects = false, truth_corners = false;
   truth->add_flag("--effects", truth_effects, "print what the machine does beyond the calibrated model")
       ->excludes(truth_file)
       ->excludes(truth_at);
-  truth->add_flag("--corners", truth_corners, "print the corners of calibration targets, in pixels, at --angle")
+  truth
+      ->add_flag("--corners", truth_corners,
+                 "print the corners of calibration targets, in pixels, at --angle, --elevation-angle and --lift-height")
       ->excludes(truth_file);
+  truth_readings.add_options(*truth);
   auto* calibration = app.add_subcommand("calibration", "print the true calibration");
-  double frame_angle = 0, frame_speed = 0;
+  double frame_speed = 0;
   std::string frame_file;
   bool frame_dark = false;
   auto* frame = app.add_subcommand("frame", "render one picture to a file (.png or .pgm; YUYV: its luma)");
-  frame->add_option("--angle", frame_angle, "table angle, degrees")->capture_default_str();
+  frame->add_option("--angle", frame_readings.angle_deg, "table angle, degrees")->capture_default_str();
+  frame_readings.add_options(*frame);
   frame->add_option("--turning", frame_speed, "table speed, degrees a second")->capture_default_str();
   frame->add_flag("--laser-off", frame_dark, "without the laser");
   frame->add_option("-o,--output", frame_file, "file to write")->required();
@@ -287,18 +334,23 @@ int run(int argc, char** argv) {
     }
     if (truth_corners) {
       if (!o.socket_dir.empty()) {
-        return ask_and_print(o, "corners " + std::to_string(truth_angle * std::numbers::pi / 180));
+        constexpr double kRad = std::numbers::pi / 180;
+        std::array<char, 96> line{};
+        std::snprintf(line.data(), line.size(), "corners %.17g %.17g %.17g", truth_readings.angle_deg * kRad,
+                      truth_readings.elevation_deg * kRad, truth_readings.lift_mm);
+        return ask_and_print(o, line.data());
       }
       DeviceModel model(device_of(o));
-      std::cout << corners_of(model.config(), model.scene(), truth_angle * std::numbers::pi / 180).dump() << "\n";
+      if (const auto wrong = truth_readings.impossible(model.config())) return fail(kInput, *wrong);
+      std::cout << corners_of(model.config(), model.scene(), truth_readings.posture(model.config())).dump() << "\n";
       return kGood;
     }
     if (truth_at->count() == 0) {
       return fail(kInput, "truth needs --calibration FILE, --effects or --angle DEG --z MM");
     }
-    return print_truth(o, truth_angle, truth_z);
+    return print_truth(o, truth_readings.angle_deg, truth_z);
   }
-  if (frame->parsed()) return write_frame(o, frame_angle, frame_speed, !frame_dark, frame_file);
+  if (frame->parsed()) return write_frame(o, frame_readings, frame_speed, !frame_dark, frame_file);
   if (usbip->count() > 0 && o.usbip.empty()) o.usbip = kUsbipAddress;
   if (o.modbus_tcp == "none" && o.modbus_rtu.empty() && o.usbip.empty() && o.socket_dir.empty()) {
     return fail(kInput, "there is nothing to serve; give --socket-dir, --modbus-tcp, --modbus-rtu or --usbip");

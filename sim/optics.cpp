@@ -40,6 +40,10 @@ OpticsConfig default_optics(int width_px, int height_px, double sheet_offset_mm,
   return config;
 }
 
+Vector3d across_the_view(const Eigen::Isometry3d& X_CW) {
+  return X_CW.linear().row(2).transpose().cross(Vector3d::UnitZ()).normalized() * -1;
+}
+
 LaserSheet mirrored_sheet(const LaserSheet& sheet) {
   const Vector3d across(-std::sin(kBeside), std::cos(kBeside), 0);
   const auto mirrored = [&](const Vector3d& v) -> Vector3d { return v - 2 * across.dot(v) * across; };

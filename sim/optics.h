@@ -9,6 +9,7 @@
 #include "sim/effects.h"
 #include "sim/noise.h"
 #include "sim/projection.h"
+#include "sim/table_pose.h"
 
 namespace celadon::sim {
 
@@ -42,6 +43,7 @@ struct OpticsConfig {
   double glaze = 0;         ///< strength of a glossy lobe on the object, relative to its diffuse brightness
   double glaze_exponent = 60;
   SpindleErrors spindle;
+  MachineAxes axes;
   Subsurface subsurface;
   ReflectanceFields fields;
   SensorNoise noise;
@@ -52,6 +54,8 @@ struct OpticsConfig {
 /// its rows 0.11 to 0.14 mm apart at the object; sheet through the axis but for offset and tilt.
 /// @pre width_px, height_px > 0
 OpticsConfig default_optics(int width_px, int height_px, double sheet_offset_mm, double sheet_tilt_rad);
+/// Direction of a horizontal axis across the camera's view, about which positive angles raise the camera.
+Eigen::Vector3d across_the_view(const Eigen::Isometry3d& X_CW);
 /// The sheet of a second laser: the mirror image of the default machine's in the vertical plane of axis and camera.
 LaserSheet mirrored_sheet(const LaserSheet& sheet);
 

@@ -15,6 +15,12 @@ constexpr double kBlackDark = 1e-6;
 constexpr double kSmallTurn_rad = 0.02;  // over an exposure: what is visible in its middle is so all the time
 constexpr double kNoSmear_px = 0.1;      // takes 0.2 % off the peak of a line of 1.5 px
 
+// Numbers the cells in which the pattern stays.
+std::uint64_t speckle_cell(const Posture& posture) {
+  const auto cell = [](double rad) { return static_cast<std::uint64_t>(std::llround(rad / kSpeckleCell_rad)); };
+  return cell(posture.table_rad) + 1'000'003 * cell(posture.elevation_rad) + 2'000'029 * cell(posture.lift_mm / 60);
+}
+
 }  // namespace
 
 Renderer::Renderer(Scene scene, const OpticsConfig& config)
@@ -61,20 +67,29 @@ void Renderer::draw_lasers(const Exposure& exposure) {
 
 void Renderer::draw_line(Line& line, int laser, const Exposure& exposure) {
   const LaserFan& fan = line.fan;
-  if (fan.turns_invisibly(scene_)) {
-    if (!line.is_current) fan.trace(scene_, camera_, exposure, 0, line.strand);
+  const int last_row = config_.camera.height_px - 1;
+  const bool invisibly = fan.turns_invisibly(scene_);
+  const auto moved = [&](double row) {
+    return apart_rad(exposure.posture_at(row, -1), exposure.posture_at(row, 1), !invisibly);
+  };
+  // In the first row and in the last; while they are not exposed at once, from the one to the other.
+  double moved_by = moved(0) + moved(last_row);
+  if (invisibly) moved_by += apart_rad(exposure.posture_at(0, 0), exposure.posture_at(last_row, 0), false);
+  if (invisibly && moved_by == 0) {
+    const Posture posture = exposure.posture_at(0, 0);
+    if (!line.is_current || apart_rad(posture, line.posture, false) != 0)
+      fan.trace(scene_, camera_, exposure, 0, line.strand);
     line.is_current = true;
+    line.posture = posture;
     picture_.draw(line.strand, laser, 1, exposure);
     return;
   }
+  line.is_current = false;
   fan.trace(scene_, camera_, exposure, 0, line.strand);
-  // Three-point Gauss rule over the exposure while the table turns; a line that hardly moves looks as in its middle.
+  // Three-point Gauss rule over the exposure while an axis moves; a line that hardly moves looks as in its middle.
   constexpr double kGaussNode = 0.7745966692414834;
-  const int last_row = config_.camera.height_px - 1;
-  const double turned_by = std::abs(exposure.angle_at(0, -1) - exposure.angle_at(0, 1)) +
-                           std::abs(exposure.angle_at(last_row, -1) - exposure.angle_at(last_row, 1));
-  if (turned_by < 1e-7 ||
-      (turned_by < kSmallTurn_rad && fan.shift_px(scene_, camera_, exposure, kGaussNode, line.strand) < kNoSmear_px)) {
+  if (moved_by < 1e-7 ||
+      (moved_by < kSmallTurn_rad && fan.shift_px(scene_, camera_, exposure, kGaussNode, line.strand) < kNoSmear_px)) {
     picture_.draw(line.strand, laser, 1, exposure);
     return;
   }
@@ -83,7 +98,7 @@ void Renderer::draw_line(Line& line, int laser, const Exposure& exposure) {
       picture_.draw(line.strand, laser, 8.0 / 18, exposure);
       continue;
     }
-    if (turned_by < kSmallTurn_rad) {
+    if (moved_by < kSmallTurn_rad) {
       fan.trace_near(scene_, camera_, exposure, node, line.strand, moved_);
     } else {
       fan.trace(scene_, camera_, exposure, node, moved_);
@@ -121,10 +136,9 @@ void Renderer::render(const Exposure& exposure, std::span<std::uint8_t> out, std
   const int width = config_.camera.width_px, height = config_.camera.height_px;
   const auto columns = static_cast<std::size_t>(width);
   draw_lasers(exposure);
-  const double angle = exposure.angle_at(0.5 * height, 0);
-  room_.update(scene_, camera_, angle);
-  const RandomKey speckle_key =
-      make_key(exposure.seed, kSpecklePurpose, static_cast<std::uint64_t>(std::llround(angle / kSpeckleCell_rad)));
+  const Posture posture = exposure.posture_at(0.5 * height, 0);
+  room_.update(scene_, camera_, posture);
+  const RandomKey speckle_key = make_key(exposure.seed, kSpecklePurpose, speckle_cell(posture));
   const RandomKey pixel_key = make_key(exposure.seed, kPixelPurpose, exposure.frame);
   const auto room = static_cast<float>(exposure.ambient_factor * static_cast<double>(exposure.exposure_ns) /
                                        static_cast<double>(config_.reference_exposure_ns));

@@ -51,6 +51,7 @@ class Renderer {
     LaserFan fan;
     Strand strand;
     bool is_current = false;  ///< of a scene that looks the same at every angle
+    Posture posture{};        ///< of that strand
   };
   std::vector<Line> lines_;  ///< a laser each
   Strand moved_;

@@ -12,13 +12,15 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kCell_rad = 5 * std::numbers::pi / 180;
-constexpr double kPrintedCell_rad = 1e-6;
+constexpr double kHeadCell_rad = std::numbers::pi / 180, kLiftCell_mm = 1;
+constexpr double kPrintedCell_rad = 1e-6, kPrintedCell_mm = 1e-4;
 constexpr int kBlock = 8;  // room light is rendered on every eighth pixel
 
 constexpr int kSub = 3;  // samples of a print along a pixel
 
-Vector3d lamp_direction() {
-  return Vector3d(0.35, 0.55, 0.75).normalized();
+// The lamp hangs in the room: it stays when the head turns.
+Vector3d lamp_in_table(const Posture& posture) {
+  return turned(Vector3d(0.35, 0.55, 0.75).normalized(), std::cos(posture.table_rad), -std::sin(posture.table_rad));
 }
 
 // In [-0.5, 0.5), evenly spread over any run of numbers: an edge along a row or a column of samples is met in all
@@ -49,19 +51,23 @@ RoomLight::RoomLight(const OpticsConfig& config)
       levels_(static_cast<std::size_t>(config.camera.width_px) * static_cast<std::size_t>(config.camera.height_px)) {}
 
 // Room light: a gradient over the background, and the object and platter shaded by a broad lamp above the camera.
-void RoomLight::update(const Scene& scene, const VirtualCamera& camera, double angle_rad) {
-  const double step = scene.printed().empty() ? kCell_rad : kPrintedCell_rad;
-  const double cell = scene.turns_invisibly() ? 0 : std::round(angle_rad / step);
-  if (ready_ && cell == cell_) return;
-  cell_ = cell;
-  const double angle = scene.held() ? 0 : cell * step, c = std::cos(angle), s = std::sin(angle);
+void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Posture& posture) {
+  const bool plain = scene.printed().empty();
+  const auto stepped = [](double value, double step) { return std::round(value / step) * step; };
+  Posture shown;
+  if (!scene.turns_invisibly()) shown.table_rad = stepped(posture.table_rad, plain ? kCell_rad : kPrintedCell_rad);
+  shown.elevation_rad = stepped(posture.elevation_rad, plain ? kHeadCell_rad : kPrintedCell_rad);
+  if (!scene.held()) shown.lift_mm = stepped(posture.lift_mm, plain ? kLiftCell_mm : kPrintedCell_mm);
+  if (ready_ && shown == shown_) return;
+  shown_ = shown;
+  const TablePose pose = scene.table_pose(shown, {}, config_.axes);
   const int width = config_.camera.width_px, height = config_.camera.height_px;
   const int columns = (width + kBlock - 1) / kBlock + 1, rows = (height + kBlock - 1) / kBlock + 1;
-  const Vector3d lamp = lamp_direction(), centre_T = turned(camera.centre_W(), c, -s);
+  const Vector3d lamp_T = lamp_in_table(shown), centre_T = pose.to_table(camera.centre_W());
   if (!ready_) {
-    rays_W_.clear();
+    rays_H_.clear();
     for (int j = 0; j < rows; ++j) {
-      for (int i = 0; i < columns; ++i) rays_W_.push_back(camera.ray_W(i * kBlock, j * kBlock));
+      for (int i = 0; i < columns; ++i) rays_H_.push_back(camera.ray_W(i * kBlock, j * kBlock));
     }
   }
   ready_ = true;
@@ -72,10 +78,10 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, double a
                    fy = std::min(1.0, static_cast<double>(j * kBlock) / height);
       double level = config_.ambient_low + (config_.ambient_high - config_.ambient_low) * (0.7 * fx + 0.3 * (1 - fy)) +
                      0.08 * config_.ambient_high * std::sin(9 * fx + 1) * std::sin(6 * fy);
-      const Vector3d d_T = turned(rays_W_[static_cast<std::size_t>(j * columns + i)], c, -s);
+      const Vector3d d_T = pose.direction_to_table(rays_H_[static_cast<std::size_t>(j * columns + i)]);
       if (auto hit = scene.intersect({centre_T, d_T})) {
         hit->print = 0;  // drawn afterwards
-        level = brightness(*hit, turned(lamp, c, -s));
+        level = brightness(*hit, lamp_T);
       }
       grid[static_cast<std::size_t>(j * columns + i)] = static_cast<float>(std::max(0.0, level));
     }
@@ -102,7 +108,7 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, double a
       out[x] = a + fy * (b - a);
     }
   }
-  print(scene, camera, angle);
+  print(scene, camera, shown);
 }
 
 double RoomLight::brightness(const Hit& hit, const Vector3d& lamp_T) const {
@@ -112,11 +118,12 @@ double RoomLight::brightness(const Hit& hit, const Vector3d& lamp_T) const {
 }
 
 // Prints again, sharper: sampled kSub times along each side of a pixel where an outline lies, blurred by the lens.
-void RoomLight::print(const Scene& scene, const VirtualCamera& camera, double angle_rad) {
+void RoomLight::print(const Scene& scene, const VirtualCamera& camera, const Posture& posture) {
   const int width = config_.camera.width_px, height = config_.camera.height_px;
   const int margin = static_cast<int>(std::ceil(4 * config_.blur_px)) + 1;
-  const double c = std::cos(angle_rad), s = std::sin(angle_rad), sigma = std::max(config_.blur_px, 0.1) * kSub;
-  const Vector3d lamp_T = turned(lamp_direction(), c, -s), centre_T = turned(camera.centre_W(), c, -s);
+  const double sigma = std::max(config_.blur_px, 0.1) * kSub;
+  const TablePose pose = scene.table_pose(posture, {}, config_.axes);
+  const Vector3d lamp_T = lamp_in_table(posture), centre_T = pose.to_table(camera.centre_W());
   std::vector<float> taps(2 * static_cast<std::size_t>(std::ceil(4 * sigma)) + 1), copy;
   float total = 0;
   for (std::size_t k = 0; k < taps.size(); ++k) {
@@ -128,7 +135,7 @@ void RoomLight::print(const Scene& scene, const VirtualCamera& camera, double an
   for (const auto& outline : scene.printed()) {
     Eigen::Vector2d low(width, height), high(0, 0);
     for (const Vector3d& p : outline) {
-      const Eigen::Vector2d pixel = camera.project(turned(p, c, s));
+      const Eigen::Vector2d pixel = camera.project(pose.to_head(p));
       low = low.cwiseMin(pixel);
       high = high.cwiseMax(pixel);
     }
@@ -142,8 +149,9 @@ void RoomLight::print(const Scene& scene, const VirtualCamera& camera, double an
     for (int y = y0; y < y1; ++y) {
       for (int x = x0; x < x1; ++x) {
         // Rays change linearly over a pixel.
-        const Vector3d d = turned(camera.ray_W(x, y), c, -s), right = turned(camera.ray_W(x + 1, y), c, -s) - d,
-                       down = turned(camera.ray_W(x, y + 1), c, -s) - d;
+        const Vector3d d = pose.direction_to_table(camera.ray_W(x, y)),
+                       right = pose.direction_to_table(camera.ray_W(x + 1, y)) - d,
+                       down = pose.direction_to_table(camera.ray_W(x, y + 1)) - d;
         const float plain =
             levels_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)];
         for (int j = 0; j < kSub; ++j) {

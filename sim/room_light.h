@@ -12,8 +12,9 @@ class RoomLight {
  public:
   explicit RoomLight(const OpticsConfig& config);
 
-  /// Makes levels() those of this table angle: in steps of five degrees, with calibration targets exactly there.
-  void update(const Scene& scene, const VirtualCamera& camera, double angle_rad);
+  /// Makes levels() those of this posture: in steps of five degrees of the table, of a degree of the head, of a
+  /// millimetre of the lift; with calibration targets exactly there.
+  void update(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
   /// The object or the camera was moved.
   void forget() { ready_ = false; }
   /// Height x width, at the reference exposure.
@@ -21,12 +22,12 @@ class RoomLight {
 
  private:
   double brightness(const Hit& hit, const Eigen::Vector3d& lamp_T) const;
-  void print(const Scene& scene, const VirtualCamera& camera, double angle_rad);
+  void print(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
 
   OpticsConfig config_;
   std::vector<float> levels_;
-  std::vector<Eigen::Vector3d> rays_W_;  ///< of the pixels that are looked at
-  double cell_ = 0;
+  std::vector<Eigen::Vector3d> rays_H_;  ///< of the pixels that are looked at
+  Posture shown_;
   bool ready_ = false;
 };
 

@@ -15,8 +15,8 @@
 
 #include "sim/board_body.h"
 #include "sim/body.h"
-#include "sim/effects.h"
 #include "sim/radial_body.h"
+#include "sim/table_pose.h"
 #include "sim/target.h"
 
 namespace celadon::sim {
@@ -86,11 +86,11 @@ class Scene {
   bool turns_invisibly() const;
   bool has_edges() const { return body_->has_edges(); }
   /// The object is in a hand: it stays where it is when the table turns. Rim tags are taken off meanwhile, so that
-  /// everything that can be seen turning stands still, and table_pose() is that of angle 0.
+  /// everything that can be seen turning stands still, and table_pose() is that of angle 0 and of a lift at 0.
   bool held() const { return body_->held(); }
   /// Where the table frame is for what this scene shows.
-  TablePose table_pose(double angle_rad, const SpindleErrors& errors) const {
-    return held() ? TablePose(0, {}) : TablePose(angle_rad, errors);
+  TablePose table_pose(const Posture& posture, const SpindleErrors& errors, const MachineAxes& axes) const {
+    return held() ? TablePose({0, posture.elevation_rad, 0}, {}, axes) : TablePose(posture, errors, axes);
   }
   void set_rim_tags(int count) { rim_tags_ = RimTags(held() ? 0 : count); }
   /// Of calibration targets on body and platter, table frame: corners and outlines.

@@ -6,6 +6,7 @@
 #include "acquisition/calibrate/board_finder.h"
 #include "acquisition/calibrate/target_board.h"
 #include "acquisition/calibration.h"
+#include "acquisition/datum/rim_survey.h"
 
 namespace celadon {
 
@@ -37,6 +38,7 @@ struct CalibrationInput {
   int width_px = 0, height_px = 0;
   std::vector<BoardView> views;
   std::vector<SeenLine> platter;  ///< on the bare platter: says where z = 0 is
+  std::vector<RimView> rim;       ///< the bare platter all round; empty: it has no fiducials
   /// Measured length / nominal length of the print, along its x and y. Unmeasured: 1, 0.003.
   Measured pitch_x{1, 0.003}, pitch_y{1, 0.003};
 };

@@ -9,9 +9,11 @@
 
 #include "acquisition/calibrate/board_lines.h"
 #include "acquisition/calibrate/view_planner.h"
+#include "acquisition/datum/rim_tag_finder.h"
 #include "daemon/frame_feed.h"
 #include "daemon/safe_on_exit.h"
 #include "daemon/scan_preparation.h"
+#include "daemon/scan_stops.h"
 
 namespace celadon {
 namespace {
@@ -19,6 +21,7 @@ namespace {
 constexpr double kStill_px = 0.3;                          // between two looks, of the corners in the middle
 constexpr std::int64_t kExposureSettles_ns = 200'000'000;  // cameras take a new exposure some frames later
 constexpr std::int64_t kAskAgain_ns = 100'000'000;
+constexpr int kRimAngles = 36;    // of the table, a turn, at which fiducials are looked for
 constexpr int kFewestAngles = 4;  // of a placement at which the board has to be seen
 
 using Stop = tl::unexpected<ScanStop>;
@@ -99,15 +102,18 @@ class Session final : public ScanObserver {
     ScanTask task;
     task.request.exposure_ms = plan_.exposure_ms;
     if (auto ready = make_device_ready(equipment_, task, *this); !ready) return Stop(ready.error());
+    // What is calibrated is the machine with its other axes at 0.
+    if (auto brought = bring_axes_to({}, device_, nothing_known_); !brought) return Stop(brought.error());
     auto feed = FrameFeed::start(equipment_, *this, triangulator_, 0);
     if (!feed) return Stop(feed.error());
     feed_ = std::move(*feed);
-    CalibrationInput input{plan_.board, mode().width_px, mode().height_px, {}, {}, plan_.pitch_x, plan_.pitch_y};
+    CalibrationInput input{plan_.board, mode().width_px, mode().height_px, {}, {}, {}, plan_.pitch_x, plan_.pitch_y};
     auto taken = take_held_views(input);
     for (int placement = 0; taken && placement < plan_.placements; ++placement) {
       taken = take_placement(placement, input);
     }
     if (taken) taken = take_platter(input);
+    if (taken) taken = take_rim(input);
     feed_.reset();
     if (!taken) return Stop(taken.error());
     if (const auto unsafe = safe.now()) return Stop(ScanStop{ScanState::failed, *unsafe, true, false});
@@ -272,6 +278,26 @@ class Session final : public ScanObserver {
       auto points = straight_line(rows_, columns);
       if (!points.empty()) lines.push_back({laser, std::move(points)});
     }
+    return {};
+  }
+
+  /// The platter's fiducials, all round. @pre nothing else lies on the platter
+  tl::expected<void, ScanStop> take_rim(CalibrationInput& input) {
+    RimTagFinder finder;
+    const double step_rad = 2 * std::numbers::pi / kRimAngles, start_rad = feed_->status().angle_rad;
+    std::vector<RimView> views;
+    std::size_t tags = 0;
+    for (int k = 0; k < kRimAngles; ++k) {
+      auto settled = device_.rotate_to(start_rad + (k + 1) * step_rad, device_.capabilities().max_speed_rad_per_s);
+      if (!settled) return Stop(stop_of(settled.error()));
+      auto dark = look(settled->host_after_ns);
+      if (!dark) return Stop(dark.error());
+      views.push_back({settled->angle_rad, finder.find(dark->grey, mode().width_px, mode().height_px)});
+      tags += views.back().tags.size();
+      // A third of a turn without any: this platter has none.
+      if (tags == 0 && 3 * (k + 1) >= kRimAngles) return {};
+    }
+    input.rim = std::move(views);
     return {};
   }
 

@@ -9,6 +9,7 @@
 #include "daemon/body_fit.h"
 #include "daemon/checks/overlap_comparison.h"
 #include "daemon/checks/self_check.h"
+#include "daemon/checks/stop_comparison.h"
 #include "daemon/report.h"
 
 namespace celadon {
@@ -20,13 +21,16 @@ struct CheckedScan {
   OverlapResult overlap;                      ///< of the beginning and the end of the turn
   std::optional<ClosureError> closure;        ///< as the capture compared it
   std::optional<AgreementError> agreement{};  ///< of two lasers; nullopt: not measured
+  std::optional<StopComparison> stops{};      ///< of head and lift; nullopt: there was one
 };
 
-/// Closure, angle of a turn, harmonics, steadiness, and what lasers differ by, in this order. Limits are four standard
-/// uncertainties of the check itself and, added in squares, twice what the calibration says that it does not know.
+/// Closure, angle of a turn, harmonics, steadiness, and what lasers and stops differ by, in this order. Limits are four
+/// standard uncertainties of the check itself and, added in squares, twice what the calibration says that it does not
+/// know.
 std::vector<SelfCheck> self_checks(const CheckedScan& scan);
 
-/// The beginning and the end of the turn in the log of a whole scan, compared.
+/// The beginning and the end of the turn in the log of a whole scan, compared; of several turns, with lasers or at
+/// stops of head and lift, the one whose ends differ most for their uncertainty.
 OverlapResult compare_overlap(const std::filesystem::path& log_file);
 
 }  // namespace celadon

@@ -15,6 +15,7 @@
 #include <CLI/CLI.hpp>
 
 #include "acquisition/calibrate/calibration_solver.h"
+#include "acquisition/datum/rim_survey.h"
 #include "daemon/calibration/calibration_session.h"
 #include "daemon/cli/commands.h"
 #include "daemon/config.h"
@@ -109,6 +110,18 @@ Measured pitch(double measured_mm, double nominal_mm, double u_mm) {
   return {measured_mm / nominal_mm, u_mm / nominal_mm};
 }
 
+std::string rim_text(const std::vector<RimTag>& tags) {
+  if (tags.size() < 3) {
+    return "of the platter's fiducials " + std::to_string(tags.size()) +
+           " were seen well at three angles or more: scans will not watch them; light the platter and free its rim.";
+  }
+  double u = 0;
+  for (const RimTag& tag : tags) u = std::max(u, tag.u_mm);
+  char text[120];
+  std::snprintf(text, sizeof text, "%zu fiducials on the platter, each known to %.3f mm.", tags.size(), u);
+  return text;
+}
+
 int calibrate(const Arguments& a) {
   if (std::filesystem::exists(a.output)) {
     return fail(kWrongInput, a.output + " exists; name another file, or move it away");
@@ -173,6 +186,11 @@ int calibrate(const Arguments& a) {
   c.date = now_utc();
   c.simulated = is_simulated(*machine);
   c.time = assumed_time(machine->camera->mode());
+  c.rim_tags = survey_rim(c, input->rim);
+  if (!input->rim.empty()) {
+    std::printf("%-10s %-8s %s\n", "datum", word(c.rim_tags.size() < 3 ? Verdict::refused : Verdict::good),
+                rim_text(c.rim_tags).c_str());
+  }
   if (auto written = write_file_atomically(a.output, format_calibration(c)); !written) {
     return fail(kNotWritten, written.error().message);
   }

@@ -122,8 +122,9 @@ int probe(const ProbeArguments& arguments) {
 }  // namespace
 
 void add_device_command(CLI::App& program, Run& run) {
-  auto* device = program.add_subcommand("device", "Looks at a device without starting anything");
+  auto* device = program.add_subcommand("device", "Looks at a device, or moves its axes");
   device->require_subcommand(1);
+  add_device_axes_commands(*device, run);
   auto* command = device->add_subcommand("probe", "Reads the registers of a drive or an I/O device by its profile");
   const auto arguments = std::make_shared<ProbeArguments>();
   command->add_option("url", arguments->url, "modbus-tcp://HOST[:PORT][?unit=N] or modbus-rtu:/dev/TTY[?baud=N&..]")

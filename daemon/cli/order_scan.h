@@ -18,11 +18,12 @@ inline constexpr const char* kServerHelp = "daemon to talk to: http://ADDRESS:PO
 void add_scanner_options(CLI::App& command, std::string& server, std::string& scene, std::uint64_t& seed);
 
 struct ScanOrder {
-  std::string server;      ///< unless there is a scene
-  std::string scene;       ///< of a virtual scanner that is started for this scan; empty: none is
-  std::uint64_t seed = 1;  ///< of the virtual scanner
-  nlohmann::json request;  ///< as in openapi.yaml
-  int lasers = 1;          ///< of the virtual scanner
+  std::string server;                    ///< unless there is a scene
+  std::string scene;                     ///< of a virtual scanner that is started for this scan; empty: none is
+  std::uint64_t seed = 1;                ///< of the virtual scanner
+  nlohmann::json request;                ///< as in openapi.yaml
+  int lasers = 1;                        ///< of the virtual scanner
+  bool elevation = false, lift = false;  ///< whether it has these axes
 };
 
 /// Asks for a scan and follows it as follow_scan() does. @returns the exit code

@@ -28,6 +28,7 @@ struct ScanArguments {
   int profiles = 1200;
   double exposure_ms = 0, tolerance_mm = 0, form_tolerance_mm = -1;
   std::vector<std::string> lasers = {"all"};
+  std::vector<double> elevations_deg, lifts_mm;
   std::vector<int> degree = {3, 3};
   std::vector<std::string> formats;
 };
@@ -46,6 +47,8 @@ json request_of(const ScanArguments& a) {
                {"model", a.model},       {"tolerance_mm", a.tolerance_mm}, {"degree_u", a.degree[0]},
                {"degree_v", a.degree[1]}};
   if (const auto lasers = lasers_of(a); !lasers.empty()) request["lasers"] = lasers;
+  if (!a.elevations_deg.empty()) request["elevations_deg"] = a.elevations_deg;
+  if (!a.lifts_mm.empty()) request["lifts_mm"] = a.lifts_mm;
   if (a.exposure_ms > 0) request["exposure_ms"] = a.exposure_ms;
   if (!a.name.empty()) request["name"] = a.name;
   constexpr std::string_view kMesh = "mesh:";
@@ -62,7 +65,8 @@ int scan(const ScanArguments& arguments) {
   if (arguments.lasers.size() > 1 && !lasers.empty() && lasers.size() != arguments.lasers.size())
     return fail(2, "--lasers takes all or numbers; leave one of them out");
   const bool second = std::find(lasers.begin(), lasers.end(), 1) != lasers.end();
-  return order_scan({arguments.server, arguments.scene, arguments.seed, request_of(arguments), second ? 2 : 1},
+  return order_scan({arguments.server, arguments.scene, arguments.seed, request_of(arguments), second ? 2 : 1,
+                     !arguments.elevations_deg.empty(), !arguments.lifts_mm.empty()},
                     arguments.follow);
 }
 
@@ -132,6 +136,20 @@ void add_scan_command(CLI::App& program, Run& run) {
       ->delimiter(',')
       ->expected(1, 4)
       ->check(CLI::IsMember({"all", "0", "1", "2", "3"}));
+  command
+      ->add_option(
+          "--elevations", a->elevations_deg,
+          "elevations of the head [degrees], as 0,30: a full turn with each laser at each; default: at 0; a virtual "
+          "scanner has the axis if they are named")
+      ->delimiter(',')
+      ->check(finite());
+  command
+      ->add_option(
+          "--lifts", a->lifts_mm,
+          "heights of the table's lift [mm], as 0,80: all elevations at each; default: at 0; a virtual scanner has "
+          "the axis if they are named")
+      ->delimiter(',')
+      ->check(finite());
   command
       ->add_option(
           "--shape", a->shape,

@@ -149,8 +149,13 @@ std::string summary_of(const json& report) {
   const json lasers = report.value("lasers", json::array());
   if (lasers.size() > 1) {
     for (const auto& share : lasers) {
-      text += line("  laser       %d: %.2f M samples in %d profiles", share["laser"].get<int>(),
-                   share["samples"].get<double>() / 1e6, share["profiles"].get<int>());
+      char where[80] = "";
+      if (share.contains("elevation_deg")) {
+        std::snprintf(where, sizeof where, ", elevation %.2f degrees, lift %.2f mm",
+                      share["elevation_deg"].get<double>(), share["lift_mm"].get<double>());
+      }
+      text += line("  laser       %d: %.2f M samples in %d profiles%s", share["laser"].get<int>(),
+                   share["samples"].get<double>() / 1e6, share["profiles"].get<int>(), static_cast<const char*>(where));
     }
     if (report.contains("agreement_mm")) {
       const auto& agreement = report["agreement_mm"];

@@ -139,11 +139,22 @@ tl::expected<VirtualScanner, std::string> VirtualScanner::start(const VirtualSca
   }
   scanner.folder_ = pattern;
   const auto in_folder = [&](const char* name) { return (scanner.folder_ / name).string(); };
-  const auto ready =
-      scanner.simulator_.start({program_beside("celadon-sim"), "--scene", options.scene, "--seed",
-                                std::to_string(options.seed), "--lasers", std::to_string(options.lasers), "--speed",
-                                "max", "--modbus-tcp", "127.0.0.1:0", "--socket-dir", scanner.folder_.string()},
-                               in_folder("sim.log"));
+  std::vector<std::string> simulator{program_beside("celadon-sim"),
+                                     "--scene",
+                                     options.scene,
+                                     "--seed",
+                                     std::to_string(options.seed),
+                                     "--lasers",
+                                     std::to_string(options.lasers),
+                                     "--speed",
+                                     "max",
+                                     "--modbus-tcp",
+                                     "127.0.0.1:0",
+                                     "--socket-dir",
+                                     scanner.folder_.string()};
+  if (options.elevation) simulator.emplace_back("--elevation");
+  if (options.lift) simulator.emplace_back("--lift");
+  const auto ready = scanner.simulator_.start(simulator, in_folder("sim.log"));
   if (!ready) return tl::unexpected(ready.error());
   const auto description = nlohmann::json::parse(*ready, nullptr, false);
   if (!description.is_object() || !description.contains("modbus_url")) {

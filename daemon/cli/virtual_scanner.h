@@ -33,7 +33,8 @@ class ChildProcess {
 struct VirtualScannerOptions {
   std::string scene = "vase";
   std::uint64_t seed = 1;
-  int lasers = 1;  ///< 1 or 2
+  int lasers = 1;                        ///< 1 or 2
+  bool elevation = false, lift = false;  ///< axes beside the table
 };
 
 /// A virtual scanner with a daemon that drives it, in lock-step as fast as it goes; the daemon takes the simulator's

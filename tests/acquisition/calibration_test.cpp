@@ -50,6 +50,18 @@ std::vector<std::uint64_t> all_bits(const Calibration& c) {
   add_measured(c.scale);
   add(c.systematic_mm);
   add(c.u_drift_mm);
+  if (c.elevation) {
+    for (const double v : c.elevation->origin_mm) add(v);
+    for (const double v : c.elevation->direction) add(v);
+    add(c.elevation->u_direction_rad);
+    add(c.elevation->u_origin_mm);
+    add_measured(c.elevation->scale);
+  }
+  if (c.lift) {
+    for (const double v : c.lift->direction) add(v);
+    add(c.lift->u_direction_rad);
+    add_measured(c.lift->scale);
+  }
   if (c.covariance) {
     for (const double v : c.covariance->matrix.reshaped()) add(v);
   }
@@ -112,6 +124,14 @@ RC_GTEST_PROP(Calibration, formatting_and_parsing_changes_no_bit, ()) {
   c.time = {{any(), u()}, {any(), u()}, {any(), u()}};
   if (uniform(random) < 0) c.u_drift_mm = u();
   if (uniform(random) < 0) {
+    const Eigen::Vector3d direction(1.5 + uniform(random), uniform(random), 0.3 * uniform(random));
+    c.elevation = ElevationAxis{{any(), any(), any()}, direction.normalized(), u(), u(), near(1, 0.1)};
+  }
+  if (uniform(random) < 0) {
+    const Eigen::Vector3d direction(uniform(random), uniform(random), 2);
+    c.lift = LiftAxis{direction.normalized(), u(), near(1, 0.1)};
+  }
+  if (uniform(random) < 0) {
     const std::vector<std::string> names = {"laser255.offset_mm", "fx_px", "k3", "axis.tilt_y_rad",
                                             "platter.height_mm"};
     const auto size = static_cast<Eigen::Index>(names.size());
@@ -127,6 +147,8 @@ RC_GTEST_PROP(Calibration, formatting_and_parsing_changes_no_bit, ()) {
   RC_ASSERT(parsed->camera == c.camera);
   RC_ASSERT(parsed->date == c.date);
   RC_ASSERT(parsed->simulated == c.simulated);
+  RC_ASSERT(parsed->elevation.has_value() == c.elevation.has_value());
+  RC_ASSERT(parsed->lift.has_value() == c.lift.has_value());
   RC_ASSERT(parsed->covariance.has_value() == c.covariance.has_value());
   if (c.covariance) RC_ASSERT(parsed->covariance->names == c.covariance->names);
 }
@@ -155,9 +177,74 @@ TEST(Calibration, a_covariance_that_cannot_be_is_refused) {
   EXPECT_THAT(refusal(with_covariance("[4.0]", "[nan]")), HasSubstr("finite"));
 }
 
-// Files of before the covariance.
-TEST(Calibration, version_1_0_is_read) {
-  EXPECT_TRUE(parse_calibration(with("version = \"1.1\"", "version = \"1.0\""), "f"));
+// Files of before the covariance, and of before elevation and lift.
+TEST(Calibration, older_minor_versions_are_read) {
+  for (const char* version : {"1.0", "1.1"}) {
+    const auto parsed = parse_calibration(with("version = \"1.2\"", "version = \"" + std::string(version) + "\""), "f");
+    ASSERT_TRUE(parsed) << parsed.error().message;
+    EXPECT_FALSE(parsed->elevation || parsed->lift);
+  }
+}
+
+/// The text of a calibration with both further axes, in which something was replaced.
+std::string with_axes(const std::string& from, const std::string& to) {
+  Calibration c = test_calibration();
+  c.elevation = ElevationAxis{{0.25, -0.5, 41}, {0.6, 0.8, 0}, 1e-4, 0.02, {0.999, 3e-4}};
+  c.lift = LiftAxis{{0.6, 0, 0.8}, 2e-4, {1.0021, 5e-5}};
+  std::string text = format_calibration(c);
+  const std::size_t at = text.find(from);
+  EXPECT_NE(at, std::string::npos) << from << text;
+  return text.replace(at, from.size(), to);
+}
+
+TEST(Calibration, axes_that_cannot_be_are_refused) {
+  const auto parsed = parse_calibration(with_axes("[lift]", "[lift]"), "f");
+  ASSERT_TRUE(parsed) << parsed.error().message;
+  EXPECT_EQ(parsed->elevation->scale, (Measured{0.999, 3e-4}));
+  EXPECT_EQ(parsed->lift->direction, Eigen::Vector3d(0.6, 0, 0.8));
+  EXPECT_THAT(refusal(with_axes("direction = [0.6, 0.8, 0.0]", "direction = [0.6, 0.8, 0.1]")),
+              AllOf(HasSubstr("elevation.direction: has length 1.00"), HasSubstr("divide it")));
+  EXPECT_THAT(refusal(with_axes("direction = [0.6, 0.8, 0.0]", "direction = [0.6, 0.0, 0.8]")),
+              AllOf(HasSubstr("elevation.direction: has z = 0.8"), HasSubstr("45 degrees"), HasSubstr("again")));
+  EXPECT_THAT(refusal(with_axes("direction = [0.6, 0.0, 0.8]", "direction = [0.8, 0.0, 0.6]")),
+              AllOf(HasSubstr("lift.direction: has z = 0.6"), HasSubstr("45 degrees"), HasSubstr("again")));
+  EXPECT_THAT(refusal(with_axes("direction = [0.6, 0.0, 0.8]", "direction = [0.6, 0.0, -0.8]")), HasSubstr("z = -0.8"));
+  EXPECT_THAT(refusal(with_axes("scale = { value = 0.999", "scale = { value = -0.999")),
+              AllOf(HasSubstr("elevation.scale.value"), HasSubstr("above 0")));
+  EXPECT_THAT(refusal(with_axes("scale = { value = 1.0021", "scale = { value = 0.0")), HasSubstr("lift.scale.value"));
+  EXPECT_THAT(refusal(with_axes("u_origin_mm = 0.02", "u_origin_mm = -0.02")),
+              AllOf(HasSubstr("elevation.u_origin_mm"), HasSubstr("negative")));
+  EXPECT_THAT(refusal(with_axes("u_origin_mm = 0.02\n", "")), AllOf(HasSubstr("u_origin_mm"), HasSubstr("missing")));
+  EXPECT_THAT(refusal(with_axes("[lift]\n", "[lift]\ntravel_mm = 3\n")), HasSubstr("not a key"));
+}
+
+TEST(Calibration, a_covariance_may_name_the_numbers_of_the_axes_that_are_there) {
+  Calibration c = test_calibration();
+  c.elevation = ElevationAxis{};
+  c.covariance = CalibrationCovariance{{"elevation.up_mm", "elevation.scale"}, Eigen::Matrix2d::Identity()};
+  const auto parsed = parse_calibration(format_calibration(c), "f");
+  ASSERT_TRUE(parsed) << parsed.error().message;
+  EXPECT_EQ(parsed->covariance->names, c.covariance->names);
+  c.covariance->names[1] = "lift.scale";
+  EXPECT_THAT(refusal(format_calibration(c)), HasSubstr("no number of this calibration"));
+}
+
+TEST(Calibration, the_crossing_is_the_point_of_the_rotary_axis_nearest_to_the_elevation_axis) {
+  // A line along x that passes the rotary axis at y = 3 and z = 50.
+  const AxisCrossing level = crossing_of({{-7, 3, 50}, {1, 0, 0}, 0, 0, {1, 0}});
+  EXPECT_NEAR(level.z_mm, 50, 1e-12);
+  EXPECT_NEAR(level.gap_mm, 3, 1e-12);
+  // One that rises in the plane y = -2 and is at z = 60 where x = 0.
+  const AxisCrossing rising = crossing_of({{4, -2, 63}, {0.8, 0, 0.6}, 0, 0, {1, 0}});
+  EXPECT_NEAR(rising.z_mm, 60, 1e-12);
+  EXPECT_NEAR(rising.gap_mm, 2, 1e-12);
+}
+
+TEST(Calibration, the_head_turns_right_handed_about_the_line) {
+  // About the line along x through (0, 0, 50), a quarter turn takes (5, 0, 80) to (5, -30, 50).
+  const ElevationAxis axis{{0, 0, 50}, {1, 0, 0}, 0, 0, {2, 0}};
+  const Eigen::Vector3d p = head_turn(axis, std::acos(0.) / 2) * Eigen::Vector3d(5, 0, 80);
+  EXPECT_LT((p - Eigen::Vector3d(5, -30, 50)).norm(), 1e-12);
 }
 
 // Written by escapes, so that the parser never meets them.
@@ -233,8 +320,8 @@ INSTANTIATE_TEST_SUITE_P(
         Nonsense{"simulated = false", "simulated = false\nextra = 1", "extra", "not a key"},
         Nonsense{"systematic_mm = 0.015", "systematic_mm = 0.015\nsystemic_mm = 1", "systemic_mm", "not a key"},
         Nonsense{"celadon-calibration\"", "horus-calibration\"", "format", "not a calibration file"},
-        Nonsense{"version = \"1.1\"", "version = \"1\"", "version", "MAJOR.MINOR"},
-        Nonsense{"version = \"1.1\"", "version = 1.0", "version", "text in quotes"}));
+        Nonsense{"version = \"1.2\"", "version = \"1\"", "version", "MAJOR.MINOR"},
+        Nonsense{"version = \"1.2\"", "version = 1.0", "version", "text in quotes"}));
 
 TEST(Calibration, a_matrix_that_is_no_rotation_is_refused) {
   Calibration c = test_calibration();
@@ -252,14 +339,14 @@ TEST(Calibration, a_calibration_without_lasers_is_refused) {
 }
 
 TEST(Calibration, a_newer_minor_version_is_read_and_a_newer_major_one_refused) {
-  std::string text = with("version = \"1.1\"", "version = \"1.7\"\nlift = { travel_mm = 90 }");
+  std::string text = with("version = \"1.2\"", "version = \"1.7\"\ntilt = { travel_rad = 1 }");
   text.replace(text.find("systematic_mm"), 0, "shrinkage = 3\n");
   const auto parsed = parse_calibration(text, "f");
   ASSERT_TRUE(parsed) << parsed.error().message;
   EXPECT_EQ(all_bits(*parsed), all_bits(test_calibration()));
-  EXPECT_THAT(refusal(with("version = \"1.1\"", "version = \"2.0\"")),
+  EXPECT_THAT(refusal(with("version = \"1.2\"", "version = \"2.0\"")),
               AllOf(HasSubstr("\"2.0\""), HasSubstr("update Celadon")));
-  EXPECT_THAT(refusal(with("version = \"1.1\"", "version = \"0.9\"")), HasSubstr("calibrate again"));
+  EXPECT_THAT(refusal(with("version = \"1.2\"", "version = \"0.9\"")), HasSubstr("calibrate again"));
 }
 
 TEST(Calibration, a_check_names_both_values) {

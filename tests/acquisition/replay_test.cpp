@@ -190,8 +190,8 @@ TEST_F(Recording, a_broken_index_is_refused_with_its_line) {
   write_index("a.pgm,0,0,0,1,new\n", "camera,T\n");
   EXPECT_THAT(refusal(), HasSubstr("6 fields"));
   write("index.csv",
-        "celadon-recording,1.3\ncamera,T\nfps,3\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\na.pgm,0,0,0,1,turn,0,"
-        "0,0,1,new\n");
+        "celadon-recording,1.4\ncamera,T\nfps,3\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\na.pgm,0,0,0,1,turn,0,"
+        "0,0,1,0,0,new\n");
   EXPECT_TRUE(open_frame_source(url()));
 }
 
@@ -217,6 +217,33 @@ TEST_F(Recording, frames_belong_to_the_turns_of_lasers) {
 
   for (const char* bad : {"-1", "256", "left", "0,0", ""}) {
     with(std::string("a.pgm,0,1,0,1,turn,0,0,0,") + bad + "\n");
+    EXPECT_THAT(refusal(), HasSubstr("index.csv, line 4")) << bad;
+  }
+}
+
+TEST_F(Recording, frames_belong_to_stops_of_head_and_lift) {
+  write("a.pgm", "P5\n2 1\n255\nab");
+  const auto with = [&](const std::string& lines) {
+    write("index.csv", "celadon-recording,1.3\ncamera,T\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\n" + lines);
+  };
+  with(
+      "a.pgm,0,1,0,1,look,0,0,0,0,0.25,0\na.pgm,0,2,0,1,turn,0,0,0,0,0.25,0\n"
+      "a.pgm,0,3,0,0,background,0,0,0,0,-0.5,30\na.pgm,0,4,0,1,turn,0,0,0,0,-0.5,30\n");
+  auto source = open_frame_source(url());
+  ASSERT_TRUE(source) << source.error().message;
+  const AxisStop first{0.25, 0}, second{-0.5, 30};
+  EXPECT_EQ((*source)->recorded()->stops, (std::vector{first, second}));
+  ASSERT_TRUE((*source)->start());
+  for (const AxisStop& stop : {first, first, second, second}) EXPECT_EQ((*source)->next(0)->info.stop, stop);
+
+  // Frames from before there were stops stand at 0.
+  with("a.pgm,0,1,0,1\na.pgm,0,2,0,1,turn,0,0,0,1\n");
+  source = open_frame_source(url());
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_EQ((*source)->recorded()->stops, std::vector{AxisStop()});
+
+  for (const char* bad : {"0.1", "0.1,high", ",0", "inf,0", "0,nan", "0,0,0"}) {
+    with(std::string("a.pgm,0,1,0,1,turn,0,0,0,0,") + bad + "\n");
     EXPECT_THAT(refusal(), HasSubstr("index.csv, line 4")) << bad;
   }
 }
@@ -302,7 +329,8 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
          .stamp_ns = stamp,
          .exposure_ns = *rc::gen::inRange<std::int64_t>(0, INT64_MAX),
          .use = *rc::gen::element(FrameUse::background, FrameUse::look, FrameUse::turn, FrameUse::overlap),
-         .laser = *rc::gen::inRange(0, 256)});
+         .laser = *rc::gen::inRange(0, 256),
+         .stop = {*rc::gen::inRange(-1000, 1000) / 7e2, *rc::gen::inRange(-1000, 1000) / 3.0}});
     stamp += *rc::gen::inRange<std::int64_t>(1, 1'000'000'000'000);
   }
   const auto parsed = parse_recording_index(format_recording_index(index), "x");
@@ -323,6 +351,7 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
     RC_ASSERT(a.exposure_ns == b.exposure_ns);
     RC_ASSERT(a.use == b.use);
     RC_ASSERT(a.laser == b.laser);
+    RC_ASSERT(a.stop == b.stop);
     RC_ASSERT(a.table_angle_rad == b.table_angle_rad);
     RC_ASSERT(a.table_angle_sigma_rad == b.table_angle_sigma_rad);
     RC_ASSERT(a.table_speed_rad_per_s == b.table_speed_rad_per_s);

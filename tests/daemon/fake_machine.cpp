@@ -1,6 +1,7 @@
 #include "tests/daemon/fake_machine.h"
 #include "tests/acquisition/turned_camera.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -16,6 +17,11 @@ const double kAside_rad = std::numbers::pi / 6;
 double aside_rad(int laser) {
   return laser == 0 ? kAside_rad : -kAside_rad;
 }
+
+// Where the further axes truly are, a little off their nominal places.
+const Eigen::Vector3d kHeadOrigin_mm(0.4, -0.3, 50), kHeadDirection = Eigen::Vector3d(-1, 0.01, 0.005).normalized(),
+                                                     kLiftDirection = Eigen::Vector3d(0.01, -0.005, 1).normalized();
+constexpr double kHeadScale = 1.003, kLiftScale = 0.998;
 
 constexpr const char* kCameraName = "fake camera 1";
 
@@ -118,10 +124,11 @@ Measured exact(double value) {
 
 }  // namespace
 
-FakeMachine::FakeMachine(std::uint16_t features, double travel_deg)
-    : core_(
-          [features, travel_deg] {
-            ControllerConfig config = test::test_config();
+FakeMachine::FakeMachine(std::uint16_t features, double travel_deg, bool axes)
+    : axes_(axes),
+      core_(
+          [features, travel_deg, axes] {
+            ControllerConfig config = axes ? test::three_axes() : test::test_config();
             config.axis[0].features = static_cast<std::uint16_t>(config.axis[0].features | features);
             if (travel_deg > 0) {
               config.axis[0].features = static_cast<std::uint16_t>(config.axis[0].features & ~protocol::kEndless);
@@ -166,7 +173,15 @@ LampPattern FakeMachine::lamp() {
 
 double FakeMachine::speed() {
   const std::lock_guard lock(mutex_);
-  return plant_.speed_udeg(now_us_);
+  double fastest = 0;
+  for (int axis = 0; axis < (axes_ ? 3 : 1); ++axis)
+    fastest = std::max(fastest, std::abs(plant_.speed_udeg(now_us_, axis)));
+  return fastest;
+}
+
+int FakeMachine::lit_while_axes_moved() {
+  const std::lock_guard lock(mutex_);
+  return lit_moves_;
 }
 
 Calibration FakeMachine::calibration(int lasers) const {
@@ -187,6 +202,10 @@ Calibration FakeMachine::calibration(int lasers) const {
   c.axis.X_CW.translation() << 0, kHeight_mm, kDistance_mm;
   c.systematic_mm = 0.01;
   c.time = {exact(0), exact(-0.5), exact(0)};
+  if (axes_) {
+    c.elevation = ElevationAxis{kHeadOrigin_mm, kHeadDirection, 0, 0, exact(kHeadScale)};
+    c.lift = LiftAxis{kLiftDirection, 0, exact(kLiftScale)};
+  }
   return camera_on_side ? turned(c) : c;
 }
 
@@ -222,6 +241,8 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     now_us_ = next;
     core_.step(now_us_);
     if (!streaming_ || now_us_ < next_middle_us_) continue;
+    if (axes_ && plant_.lasers != 0 && (plant_.speed_udeg(now_us_, 1) != 0 || plant_.speed_udeg(now_us_, 2) != 0))
+      ++lit_moves_;
     const std::uint64_t sequence = sequence_++;
     next_middle_us_ += kPeriod_us;
     if (all_late || sequence % 2 == 1) next_middle_us_ += static_cast<std::uint64_t>(late_us.load());
@@ -235,6 +256,10 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     const double turned_deg = static_cast<double>(plant_.axis(0, now_us_).position_udeg) * 1e-6;
     // A slip: the object lags behind the encoder, more with every turn.
     shot.angle_rad = turned_deg * (1 - slip_per_turn_deg / 360) * std::numbers::pi / 180;
+    if (axes_) {
+      shot.elevation_rad = static_cast<double>(plant_.axis(1, now_us_).position_udeg) * 1e-6 * std::numbers::pi / 180;
+      shot.lift_mm = static_cast<double>(plant_.axis(2, now_us_).position_udeg) * 1e-3;
+    }
     shot.lasers = static_cast<std::uint16_t>(plant_.lasers | (laser_hidden ? 1 : 0));
     shot.lost_before = std::exchange(dropped_, 0);
     shots_.push_back(shot);
@@ -279,6 +304,7 @@ std::optional<FakeMachine::Shot> FakeMachine::take_shot(std::int64_t timeout_us)
 /// Column of a laser's line in a row: where its plane meets the object; -1 without one.
 double FakeMachine::line_px(int laser, const Shot& shot, int row) const {
   if ((shot.lasers >> laser & 1) == 0 || camera_dark) return -1;
+  if (axes_) return line_px_with_axes(laser, shot, row);
   const double aside = aside_rad(laser);
   const double world = -std::numbers::pi / 2 + aside;  // direction of the laser's half plane
   const double down = (row - kCy) / kFocal_px;
@@ -289,6 +315,31 @@ double FakeMachine::line_px(int laser, const Shot& shot, int row) const {
     if (r <= 0) return -1;
   }
   return kCx + kFocal_px * r * std::sin(aside) / (kDistance_mm - r * std::cos(aside));
+}
+
+/// The same with the head turned and the table raised: the laser's plane meets the plane of the row in a line, and the
+/// object where that first enters it.
+double FakeMachine::line_px_with_axes(int laser, const Shot& shot, int row) const {
+  const double aside = aside_rad(laser), down = (row - kCy) / kFocal_px;
+  // In the camera: x cos + z sin = D sin of the angle aside, y = down z.
+  const auto point_C = [&](double z) { return Eigen::Vector3d((kDistance_mm - z) * std::tan(aside), down * z, z); };
+  const Eigen::AngleAxisd raised(kHeadScale * shot.elevation_rad, kHeadDirection),
+      back(-shot.angle_rad, Eigen::Vector3d::UnitZ());
+  const auto inside = [&](double z) {
+    const Eigen::Vector3d c = point_C(z);
+    const Eigen::Vector3d low(c.x(), c.z() - kDistance_mm, kHeight_mm - c.y());  // of the head at 0
+    const Eigen::Vector3d world = kHeadOrigin_mm + raised * (low - kHeadOrigin_mm);
+    const Eigen::Vector3d p = back * (world - kLiftScale * shot.lift_mm * kLiftDirection);
+    return std::hypot(p.x(), p.y()) < shape(std::atan2(p.y(), p.x()), p.z());
+  };
+  constexpr double kFirst_mm = 160, kLast_mm = 440, kStep_mm = 3;
+  for (double z = kFirst_mm; z < kLast_mm; z += kStep_mm) {
+    if (!inside(z)) continue;
+    double outer = z - kStep_mm, inner = z;
+    for (int i = 0; i < 30; ++i) (inside((outer + inner) / 2) ? inner : outer) = (outer + inner) / 2;
+    return kCx + kFocal_px * point_C(inner).x() / inner;
+  }
+  return -1;
 }
 
 /// The lines of the lasers, one Gaussian a row, on a background with fixed texture.

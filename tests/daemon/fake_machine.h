@@ -27,7 +27,8 @@ class FakeMachine {
 
   /// @param features  bits of the turntable's, beside the usual ones
   /// @param travel_deg  of the table; 0: it turns without end
-  explicit FakeMachine(std::uint16_t features = 0, double travel_deg = 0);
+  /// @param axes        whether it has an elevation and a lift axis too: -20 to 160 degrees, -10 to 160 mm
+  explicit FakeMachine(std::uint16_t features = 0, double travel_deg = 0, bool axes = false);
 
   // --- the object: range at (theta, z) in its own frame, 0 where there is nothing ---
   std::function<double(double theta_rad, double z_mm)> shape = vase;
@@ -38,7 +39,9 @@ class FakeMachine {
   void with_plant(const std::function<void(test::TestPlant&)>& change);
   std::uint16_t lasers();
   LampPattern lamp();
-  double speed();
+  double speed();  ///< of the axis that moves fastest
+  /// Frames that the camera exposed with a laser on while head or lift moved.
+  int lit_while_axes_moved();
   std::atomic<bool> link_down = false, camera_silent = false, camera_unplugged = false, camera_dark = false;
   std::atomic<bool> tells_changes = false;  ///< of the button, as a controller on USB does
   std::atomic<bool> changed = false;        ///< and the host has not looked yet
@@ -63,8 +66,8 @@ class FakeMachine {
   struct Shot {
     std::uint64_t sequence = 0;
     std::int64_t stamp_us = 0;
-    double angle_rad = 0;
-    std::uint16_t lasers = 0;  ///< that shone
+    double angle_rad = 0, elevation_rad = 0, lift_mm = 0;  ///< as the axes' controllers read
+    std::uint16_t lasers = 0;                              ///< that shone
     std::uint32_t lost_before = 0;
   };
   void stream(bool on);
@@ -74,7 +77,9 @@ class FakeMachine {
 
  private:
   void advance_locked(std::uint64_t time_us);
+  double line_px_with_axes(int laser, const Shot& shot, int row) const;
 
+  const bool axes_;
   std::mutex mutex_;
   test::TestPlant plant_;
   std::uint64_t now_us_ = 0;
@@ -82,6 +87,7 @@ class FakeMachine {
   bool streaming_ = false;
   std::uint64_t next_middle_us_ = 0, sequence_ = 0;
   std::uint32_t dropped_ = 0;
+  int lit_moves_ = 0;
   std::deque<Shot> shots_;
 };
 

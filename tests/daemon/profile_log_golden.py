@@ -2,6 +2,7 @@
 
 Usage: python3 profile_log_golden.py > profile_log_golden.inc              (committed beside it)
        python3 profile_log_golden.py 1.0 > profile_log_golden_1_0.inc      the same by version 1.0
+       python3 profile_log_golden.py 1.1 > profile_log_golden_1_1.inc      and by version 1.1
 """
 import struct
 import sys
@@ -24,7 +25,7 @@ def record(number, kind, payload):
     return head + struct.pack("<I", crc32c(head)) + payload + bytes(-len(payload) % 8)
 
 
-minor = 0 if sys.argv[1:] == ["1.0"] else 1
+minor = int(sys.argv[1].split(".")[1]) if len(sys.argv) > 1 else 2
 header = (
     b'{"calibration":"text of\\na calibration","camera":"camera 1","date":"2026-01-02T03:04:05Z",'
     + (b'"lasers":[1,0],' if minor >= 1 else b"")
@@ -43,9 +44,11 @@ profile += struct.pack("<2H", 100, 101)
 overlap = struct.pack("<IHBBddqII", 4, 0, 0, 1, 0.0, 6.5, 1600, 1, 0) + struct.pack("<3d", 30.0, 6.5, 10.0)
 end = struct.pack("<HHIQQQQQ", 1, 0, 1, 2, 1, 2, 0, 0) + b"button pressed"
 
+stop = [(8, struct.pack("<dd", 0.5, 30.0))] if minor >= 2 else []
+
 log = b"\x89CEL\r\n\x1a\n" + struct.pack("<HHI", 1, minor, 0)
 for number, (kind, payload) in enumerate(
-    [(1, header), (2, pose0), (5, position), (6, frame), (3, profile), (4, overlap), (7, end)]
+    [(1, header), (2, pose0), (5, position), (6, frame), *stop, (3, profile), (4, overlap), (7, end)]
 ):
     log += record(number, kind, payload)
 

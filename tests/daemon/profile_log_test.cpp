@@ -31,6 +31,10 @@ const unsigned char kGolden_1_0[] = {
 #include "tests/daemon/profile_log_golden_1_0.inc"
 };
 
+const unsigned char kGolden_1_1[] = {
+#include "tests/daemon/profile_log_golden_1_1.inc"
+};
+
 std::string golden() {
   return {reinterpret_cast<const char*>(kGolden), sizeof kGolden};
 }
@@ -125,7 +129,10 @@ TEST(ProfileLog, WritesTheBytesOfItsGrammar) {
   ASSERT_TRUE(log) << log.error().message;
   (*log)->append(PositionSample{7, 123456, .25, 1000, 2000});
   (*log)->append(LogFrame{41, 1500, 4'000'000, 2, FrameVerdict::profile});
+  (*log)->append(LogStop{});  // where the axes are known to stand
+  (*log)->append(LogStop{{0.5, 30}});
   ASSERT_TRUE((*log)->append(golden_profile()));
+  (*log)->append(LogStop{{0.5, 30}});
   Profile overlap;
   overlap.index = 4;
   overlap.order = ProfileOrder::scattered;
@@ -165,7 +172,7 @@ TEST(ProfileLog, ReadsALogWrittenByHand) {
     EXPECT_EQ((*log)->end()->samples, 2u);
     (*log)->rewind();
   }
-  int poses = 0, positions = 0, frames = 0, overlaps = 0;
+  int poses = 0, positions = 0, frames = 0, overlaps = 0, stops = 0;
   while (const auto entry = (*log)->next_entry()) {
     if (const auto* pose = std::get_if<LogPose>(&*entry)) {
       ++poses;
@@ -183,8 +190,14 @@ TEST(ProfileLog, ReadsALogWrittenByHand) {
       EXPECT_EQ(frame->sequence, 41u);
       EXPECT_EQ(frame->lost_before, 2u);
     }
+    if (const auto* at = std::get_if<LogStop>(&*entry)) {
+      ++stops;
+      EXPECT_EQ(at->stop, (AxisStop{0.5, 30}));
+      EXPECT_EQ(overlaps, 0) << "before the profiles that it is about";
+    }
     if (const auto* logged = std::get_if<LoggedProfile>(&*entry)) overlaps += logged->overlap ? 1 : 0;
   }
+  EXPECT_EQ(stops, 1);
   EXPECT_EQ(poses, 1);
   EXPECT_EQ(positions, 1);
   EXPECT_EQ(frames, 1);
@@ -198,6 +211,19 @@ TEST(ProfileLog, ReadsALogOfVersion1_0) {
   ASSERT_TRUE(log) << log.error().message;
   EXPECT_TRUE((*log)->header().lasers.empty());
   EXPECT_EQ((*log)->header().request.name, "vase");
+  const Profile* p = (*log)->next();
+  ASSERT_NE(p, nullptr);
+  expect_equal(*p, golden_profile());
+  EXPECT_EQ((*log)->next(), nullptr);
+  EXPECT_EQ((*log)->error(), "");
+}
+
+TEST(ProfileLog, ReadsALogOfVersion1_1) {
+  const TemporaryFolder folder;
+  write_file(folder / "log", {reinterpret_cast<const char*>(kGolden_1_1), sizeof kGolden_1_1});
+  auto log = ProfileLogReader::open(folder / "log");
+  ASSERT_TRUE(log) << log.error().message;
+  EXPECT_EQ((*log)->header().lasers, (std::vector<int>{1, 0}));
   const Profile* p = (*log)->next();
   ASSERT_NE(p, nullptr);
   expect_equal(*p, golden_profile());
@@ -287,7 +313,7 @@ TEST(ProfileLog, SaysWhatIsNoLog) {
   EXPECT_NE(message(golden().substr(0, 20)).find("no readable header"), std::string::npos);
   std::string other = golden();
   other[8] = 2;
-  EXPECT_NE(message(other).find("version is 2.1"), std::string::npos);
+  EXPECT_NE(message(other).find("version is 2.2"), std::string::npos);
   EXPECT_FALSE(ProfileLogReader::open(folder.path()));
   EXPECT_FALSE(ProfileLogReader::open(folder / "absent"));
 }

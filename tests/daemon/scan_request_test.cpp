@@ -46,6 +46,8 @@ TEST(ScanRequestJson, EveryFieldComesBack) {
   record.request.profiles = 16;
   record.request.exposure_ms = 1.25;
   record.request.lasers = {1, 0};
+  record.request.elevations_deg = {-5, 30.5};
+  record.request.lifts_mm = {0, 80};
   record.request.model = "revolution";
   record.request.tolerance_mm = 0.1;
   record.request.form_tolerance_mm = 0.05;
@@ -67,6 +69,11 @@ TEST(ScanRequestJson, NamesWhatIsWrong) {
   const Case cases[] = {
       {R"([])", "JSON object"},
       {R"({"speed": 3})", "'speed' is not a field"},
+      {R"({"elevations_deg": 30})", "elevations_deg is 30"},
+      {R"({"elevations_deg": [0, 91]})", "from -90 to 90 degrees"},
+      {R"({"elevations_deg": [10, 10.0]})", "different numbers"},
+      {R"({"lifts_mm": [0, "up"]})", "lifts_mm is"},
+      {R"({"lifts_mm": [1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17]})", "at most 16"},
       {R"({"name": "../../etc/passwd"})", "name is"},
       {R"({"name": ".hidden"})", "name is"},
       {R"({"name": 7})", "name is 7"},

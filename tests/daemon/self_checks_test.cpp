@@ -14,6 +14,8 @@
 
 #include "daemon/checks/error_harmonics.h"
 #include "daemon/checks/overlap_comparison.h"
+#include "daemon/profile_log.h"
+#include "tests/temporary_folder.h"
 
 namespace celadon {
 namespace {
@@ -105,6 +107,40 @@ TEST(OverlapComparison, UncertaintiesAreThoseOfItsErrors) {
       EXPECT_LT(ratio, 1.2) << common;
       EXPECT_GT(ratio, 0.5) << common;
     }
+  }
+}
+
+// Two lasers and two stops of the head: rows show other places in each turn, and one of four does not close.
+TEST(CompareOverlap, JudgesEachTurnByItself) {
+  const testing::TemporaryFolder folder;
+  for (const double shift_mm : {0.0, 0.3}) {
+    const auto file = folder / ("log" + std::to_string(shift_mm));
+    auto log = ProfileLogWriter::create(file, {});
+    ASSERT_TRUE(log) << log.error().message;
+    std::mt19937 random(3);
+    std::normal_distribution<double> normal;
+    constexpr int kProfiles = 400, kOverlap = 8;
+    constexpr double kPitch = 2 * std::numbers::pi / kProfiles;
+    for (int turn = 0; turn < 4; ++turn) {
+      (*log)->append(LogStop{{turn / 2 * 0.3, 0}});
+      for (int k = 0; k < kProfiles + kOverlap; ++k) {
+        Profile p;
+        p.laser = static_cast<std::uint8_t>(turn % 2);
+        p.table_angle_rad = 7 * turn + k * kPitch;
+        const double moved = k >= kProfiles && turn == 2 ? shift_mm : 0;
+        for (int row = 0; row < 100; ++row) {
+          p.row.push_back(static_cast<std::uint16_t>(row));
+          p.z_mm.push_back(row + 20 * turn);
+          p.theta_rad.push_back(-p.table_angle_rad);
+          p.r_mm.push_back(freeform(k * kPitch, row + 20 * turn) + moved + 0.02 * normal(random));
+        }
+        ASSERT_TRUE((*log)->append(p, k >= kProfiles));
+      }
+    }
+    ASSERT_TRUE((*log)->finish(LogOutcome::complete, ""));
+    const OverlapResult result = compare_overlap(file);
+    ASSERT_EQ(result.missing, "");
+    EXPECT_NEAR(result.shift_mm, shift_mm, 0.02);
   }
 }
 

@@ -21,10 +21,12 @@ using protocol::Exception;
 /// Core and plant at an instant that the test moves.
 class Board final : private UsbRegisters {
  public:
+  explicit Board(const ControllerConfig& machine = test_config()) : config(machine) {}
+
   ControllerUsb usb{*this};
   TestPlant plant;
   std::uint64_t now_us = 0;
-  ControllerConfig config = test_config();
+  ControllerConfig config;
   ControllerCore core{config, plant, 1, 0};
 
   /// Runs the millisecond loop of a firmware.
@@ -160,6 +162,19 @@ TEST(ControllerUsb, TheTraceHoldsEverySampleOnceAndTheNewestOnes) {
   got = board.usb.take_trace(bytes.data(), 8192) / usb::kTraceBytes;
   ASSERT_EQ(got, ControllerUsb::kTraceSamples);
   EXPECT_EQ(time_us(got - 1), static_cast<std::uint16_t>(board.now_us)) << "the newest one is there";
+}
+
+TEST(ControllerUsb, TheMotionOfAnotherAxisIsAnEventToo) {
+  Board board(three_axes());
+  board.run_ms(1);
+  ASSERT_EQ(board.usb.take_event(board.data.data()), usb::kEventBytes);
+  EXPECT_EQ(board.usb.take_event(board.data.data()), 0);
+  std::vector<std::uint16_t> home(10);
+  home[9] = protocol::kHome;
+  ASSERT_EQ(board.write(protocol::groups::axis_command.address(2), home), 0);
+  ASSERT_EQ(board.usb.take_event(board.data.data()), usb::kEventBytes);
+  EXPECT_EQ(board.word(10), static_cast<std::uint16_t>(MotionState::unhomed)) << "the table's";
+  EXPECT_EQ(board.usb.take_event(board.data.data()), 0);
 }
 
 }  // namespace

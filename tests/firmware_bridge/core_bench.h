@@ -40,7 +40,7 @@ class CoreBench {
   }
 
   std::vector<std::uint16_t> poll() {
-    std::vector<std::uint16_t> words(protocol::status_words(1));
+    std::vector<std::uint16_t> words(protocol::status_words(config_.axes));
     core.read_input(now_us, 0, static_cast<std::uint16_t>(words.size()), words.data());
     return words;
   }
@@ -54,7 +54,7 @@ class CoreBench {
     return write(static_cast<std::uint16_t>(protocol::reg::control::laser_lease.address() + laser), {lease_ms});
   }
   protocol::Exception command(std::uint16_t code, std::int64_t target_udeg = 0, std::uint32_t speed = 90'000'000,
-                              std::uint16_t sequence = 0) {
+                              std::uint16_t sequence = 0, int axis = 0) {
     std::vector<std::uint16_t> words(10);
     const auto target = protocol::split_turns(target_udeg);
     protocol::put_s32(&words[0], target.angle_udeg);
@@ -62,9 +62,9 @@ class CoreBench {
     protocol::put_u32(&words[4], speed);
     words[8] = sequence;
     words[9] = code;
-    return write(protocol::groups::axis_command.base, words);
+    return write(protocol::groups::axis_command.address(axis), words);
   }
-  protocol::Exception home() { return command(protocol::kHome); }
+  protocol::Exception home(int axis = 0) { return command(protocol::kHome, 0, 0, 0, axis); }
   protocol::Exception make_safe() { return write(protocol::reg::control::make_safe.address(), {1}); }
   protocol::Exception clear_fault() { return write(protocol::reg::control::clear_fault.address(), {1}); }
   Refusal refusal() { return static_cast<Refusal>(poll()[protocol::reg::status::refusal.address()]); }
@@ -79,7 +79,7 @@ class CoreBench {
     advance_ms(100);
   }
   void home_and_wait() {
-    home();
+    for (int axis = 0; axis < config_.axes; ++axis) home(axis);
     advance_polling_ms(6000);
   }
 };

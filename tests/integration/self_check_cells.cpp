@@ -1,6 +1,12 @@
 #include "tests/integration/self_check_cells.h"
 
 #include <array>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <stdexcept>
+#include <vector>
 
 #include "tests/integration/process.h"
 #include "tests/integration/station.h"
@@ -47,10 +53,46 @@ std::string CheckedCell::names_of(const std::string& verdict) const {
   return names;
 }
 
-CheckedCell try_self_checks(const std::string& scene, const std::string& order, std::uint64_t seed, int profiles) {
-  Station station(scene, {"--seed", std::to_string(seed)});
+namespace {
+
+/// The number behind `key` in the file after `from`, changed by `by`.
+void change_number(std::string& file, std::size_t from, const std::string& key, double by) {
+  const std::size_t at = file.find(key, from) + key.size();
+  std::size_t length = 0;
+  const double value = std::stod(file.substr(at, 40), &length);
+  char text[40];
+  std::snprintf(text, sizeof text, "%.12f", value + by);
+  file.replace(at, length, text);
+}
+
+void change_calibration(const std::filesystem::path& name, const std::string& what) {
+  constexpr double kMoved_mm = 0.3, kLate_ns = 4e6;
+  std::string file = read_file(name);
+  if (what == "laser-moved") {
+    change_number(file, file.find("[[laser]]"), "distance_mm = ", kMoved_mm);
+  } else if (what == "lasers-swapped") {
+    const std::size_t first = file.find("number = 0"), second = file.find("number = 1");
+    file.replace(first, 10, "number = 1").replace(second, 10, "number = 0");
+  } else if (what == "frames-late") {
+    change_number(file, file.find("[time]"), "stamp_offset_ns = { value = ", kLate_ns);
+  } else {
+    throw std::invalid_argument(what);
+  }
+  std::ofstream(name) << file;
+}
+
+}  // namespace
+
+CheckedCell try_self_checks(const std::string& scene, const std::string& order, std::uint64_t seed, int profiles,
+                            const CheckedMachine& machine) {
+  std::vector<std::string> options{"--seed", std::to_string(seed), "--lasers", std::to_string(machine.lasers)};
+  if (machine.datum) options.insert(options.end(), {"--rim-tags", "12"});
+  Station station(scene, options);
+  constexpr const char* kCalibration = "calibration ";
+  const bool believed = order.starts_with(kCalibration);
+  if (believed) change_calibration(station.folder / "calibration.toml", order.substr(std::strlen(kCalibration)));
   station.start_daemon();
-  if (!order.empty()) ask_simulator(station.folder.path(), "fault " + order);
+  if (!order.empty() && !believed) ask_simulator(station.folder.path(), "fault " + order);
   const auto outcome = run({"celadon", "scan", "--server", station.server(), "--profiles", std::to_string(profiles),
                             "--formats", "surface.json", "-o", station.folder / "out"});
   CheckedCell cell{outcome.exit_code, nlohmann::json::array(), outcome.out, outcome.err};

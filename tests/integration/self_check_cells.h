@@ -32,7 +32,14 @@ struct CheckedCell {
   std::string names_of(const std::string& verdict) const;
 };
 
-/// One scan on a new machine. @param order of a fault, before the scan begins
-CheckedCell try_self_checks(const std::string& scene, const std::string& order, std::uint64_t seed, int profiles);
+struct CheckedMachine {
+  int lasers = 1;
+  bool datum = false;  ///< with fiducials on the platter's rim, in light that shows them
+};
+
+/// One scan on a new machine. @param order of a fault, before the scan begins; "calibration WHAT" changes what the
+/// daemon believes instead: laser-moved, lasers-swapped, frames-late
+CheckedCell try_self_checks(const std::string& scene, const std::string& order, std::uint64_t seed, int profiles,
+                            const CheckedMachine& machine = {});
 
 }  // namespace celadon::testing

@@ -57,6 +57,40 @@ INSTANTIATE_TEST_SUITE_P(
         Expected{"humidifier", "steps-wrong 1.01", {"turn"}, {"harmonic_1"}, "steps per turn are wrong"},
         Expected{"humidifier", "backlash 0.5", {}, {"harmonic_1"}, ""}));
 
+struct Watched {
+  const char *scene, *order;
+  CheckedMachine machine;
+  const char* failed;  ///< empty: nothing does
+  const char* named;   ///< word of the cause
+};
+
+class DatumCells : public ::testing::TestWithParam<Watched> {};
+
+// What a centred round object cannot show, the datum does.
+TEST_P(DatumCells, TheDatumNamesTheFault) {
+  const Watched& expected = GetParam();
+  const CheckedCell cell = try_self_checks(expected.scene, expected.order, 1, kProfiles, expected.machine);
+  ASSERT_FALSE(cell.checks.empty()) << cell.err;
+  if (std::string(expected.failed).empty()) {
+    EXPECT_EQ(cell.names_of("failed"), "") << cell.checks.dump(1);
+    for (const char* name : {"datum_turn", "datum_angle", "datum_time", "datum_camera"})
+      EXPECT_EQ(cell.verdict(name), "passed") << name << "\n" << cell.checks.dump(1);
+  } else {
+    EXPECT_EQ(cell.verdict(expected.failed), "failed") << cell.checks.dump(1);
+    EXPECT_NE(cell.out.find(expected.named), std::string::npos) << cell.out;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Sample, DatumCells,
+    ::testing::Values(Watched{"cylinder", "", {1, true}, "", ""}, Watched{"humidifier", "", {1, true}, "", ""},
+                      Watched{"cylinder", "steps-wrong 1.01", {1, true}, "datum_turn", "steps per turn are wrong"},
+                      Watched{"cylinder", "motor-slip -2 angle 180", {1, true}, "datum_angle", "slipped"},
+                      Watched{"cylinder", "camera-nudge 0.2", {1, true}, "datum_camera", "the camera stands otherwise"},
+                      Watched{"cylinder", "camera-nudge 0.2 angle 180", {1, true}, "datum_camera", "during the scan"},
+                      Watched{
+                          "cylinder", "calibration frames-late", {1, true}, "datum_time", "do not belong together"}));
+
 // The record of the scan says it to the API's clients, also after a restart, and the daemon's log does.
 TEST(SelfCheckRecord, IsInTheApiTheStoreAndTheLog) {
   Station station("humidifier");

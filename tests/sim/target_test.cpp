@@ -42,7 +42,7 @@ Shot shoot(const std::string& name, int rim_tags, double angle) {
   Shot shot;
   shot.bytes.resize(static_cast<std::size_t>(kCols * kLines));
   renderer.render(e, shot.bytes, kCols);
-  shot.truth = corners_of(device, scene, angle);
+  shot.truth = corners_of(device, scene, {angle});
   return shot;
 }
 

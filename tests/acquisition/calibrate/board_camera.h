@@ -32,7 +32,7 @@ class BoardCamera {
     device_.optics.noise.electrons_per_level /= static_cast<float>(noise * noise);
     const auto made = sim::Scene::make(scene, print);
     if (!made) throw std::invalid_argument(made.error());
-    for (const auto& corner : sim::corners_of(device_, *made, 0)) {
+    for (const auto& corner : sim::corners_of(device_, *made, {})) {
       truth_[corner["corner"].get<int>()] = {corner["x_px"].get<double>(), corner["y_px"].get<double>()};
     }
     renderer_ = std::make_unique<sim::Renderer>(*made, device_.optics);
