@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <cstdio>
 #include <memory>
@@ -18,6 +19,13 @@ constexpr const char* kAdvice =
     "Print at 100 % (no fitting to the page). Paper stretches differently along x and y: measure the printed pitch "
     "over all squares, from left to right and from top to bottom, and give both lengths to celadon calibrate "
     "(--width, --height).";
+
+constexpr int kFirstRimTag = 100;  // beyond those of most boards
+constexpr const char* kRimAdvice =
+    "Cut the tags out, each with its white border, and glue them flat round the rim of the platter, at any distances, "
+    "where "
+    "no object covers them and the camera sees three or more at every angle. Where they are, celadon calibrate finds "
+    "out.";
 
 struct Page {
   const char* name;
@@ -39,22 +47,30 @@ std::vector<std::string> wrapped(const std::string& text, std::size_t longest) {
   return lines;
 }
 
+using TagFamily = std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)>;
+
+// The black square of a tag, its white cells as holes.
+void draw_tag(const apriltag_family_t& family, int tag, double x, double y, double side,
+              std::vector<SheetRectangle>& black) {
+  const double cell = side / family.width_at_border;
+  black.push_back({x, y, side, side});
+  // The code's bits, the highest first, are the white cells.
+  const std::uint64_t code = family.codes[tag];
+  for (std::uint32_t i = 0; i < family.nbits; ++i) {
+    if ((code >> (family.nbits - 1 - i) & 1) == 0) continue;
+    black.push_back({x + cell * family.bit_x[i], y + cell * family.bit_y[i], cell, cell});
+  }
+}
+
 void draw_board(const TargetBoard& board, double left, double top, std::vector<SheetRectangle>& black) {
-  const std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)> family(tag36h11_create(), tag36h11_destroy);
-  const double side = board.square_mm(), tag_side = TargetBoard::kTagShare * side;
-  const double cell = tag_side / family->width_at_border, free = 0.5 * (side - tag_side);
+  const TagFamily family(tag36h11_create(), tag36h11_destroy);
+  const double side = board.square_mm(), tag_side = TargetBoard::kTagShare * side, free = 0.5 * (side - tag_side);
   for (int row = 0; row < board.rows(); ++row) {
     for (int column = 0; column < board.columns(); ++column) {
       const double x = left + column * side, y = top + row * side;
       if ((column + row) % 2 == 0) black.push_back({x, y, side, side});
-      const int tag = board.tag_at(column, row);
-      if (tag < 0) continue;
-      black.push_back({x + free, y + free, tag_side, tag_side});
-      // The code's bits, the highest first, are the white cells.
-      const std::uint64_t code = family->codes[tag];
-      for (std::uint32_t i = 0; i < family->nbits; ++i) {
-        if ((code >> (family->nbits - 1 - i) & 1) == 0) continue;
-        black.push_back({x + free + cell * family->bit_x[i], y + free + cell * family->bit_y[i], cell, cell});
+      if (const int tag = board.tag_at(column, row); tag >= 0) {
+        draw_tag(*family, tag, x + free, y + free, tag_side, black);
       }
     }
   }
@@ -117,6 +133,48 @@ tl::expected<BoardSheet, std::string> lay_out_board(const TargetBoard& board) {
   return tl::unexpected("board \"" + board.text() + "\" is " + number(board_width) + " x " + number(board_height) +
                         " mm and fits on no page up to A0 (841 x 1189 mm) with its margin and rulers; take fewer or "
                         "smaller squares");
+}
+
+tl::expected<BoardSheet, std::string> lay_out_rim_tags(const std::string& text) {
+  int count = 0, first = kFirstRimTag, used = 0;
+  double side = 0;
+  const bool read =
+      std::sscanf(text.c_str(), "rim:%dx%lf%n", &count, &side, &used) == 2 &&
+      (static_cast<std::size_t>(used) == text.size() ||
+       (std::sscanf(text.c_str() + used, "+%d%n", &first, &used) == 1 && text.ends_with(std::to_string(first))));
+  if (!read || count < 3 || first < 0 || first + count > TargetBoard::kTagFamilySize || !(side >= 2 && side <= 100)) {
+    return tl::unexpected(
+        "'" + text +
+        "' names no tags for the platter's rim; write rim:COUNTxSIDE or "
+        "rim:COUNTxSIDE+FIRST, 3 tags or more, numbers below 587, sides of 2 to 100 mm, such as rim:12x11");
+  }
+  const Page& page = kPages.front();
+  BoardSheet sheet;
+  sheet.page = page.name;
+  sheet.width_mm = page.width;
+  sheet.height_mm = page.height;
+  // A white border of a cell and a half, a gap to cut, and the number below.
+  const double pitch = side * (1 + 3. / 8) + 6, row_pitch = pitch + kLine_mm;
+  const int columns = static_cast<int>((page.width - 2 * kBorder_mm) / pitch);
+  const int rows = columns > 0 ? (count + columns - 1) / columns : 0;
+  const double text_y = kBorder_mm + rows * row_pitch + kLine_mm;
+  const auto letters = static_cast<std::size_t>((page.width - 2 * kBorder_mm) / kLetter_mm);
+  const std::vector<std::string> lines = wrapped(kRimAdvice, letters);
+  if (columns == 0 || text_y + kLine_mm * static_cast<double>(lines.size()) + kBorder_mm > page.height) {
+    return tl::unexpected(std::to_string(count) + " tags of " + number(side) +
+                          " mm fit on no A4 page; take fewer or smaller ones");
+  }
+  const TagFamily family(tag36h11_create(), tag36h11_destroy);
+  for (int i = 0; i < count; ++i) {
+    const double x = kBorder_mm + i % columns * pitch + 0.5 * (pitch - side),
+                 y = kBorder_mm + i / columns * row_pitch + 0.5 * (pitch - side);
+    draw_tag(*family, first + i, x, y, side, sheet.black);
+    sheet.texts.push_back({x, y + side + 3. / 16 * side + 3 + kLine_mm, false, std::to_string(first + i)});
+  }
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    sheet.texts.push_back({kBorder_mm, text_y + kLine_mm * static_cast<double>(i), false, lines[i]});
+  }
+  return sheet;
 }
 
 std::string svg_of(const BoardSheet& sheet) {

@@ -36,6 +36,10 @@ struct BoardSheet {
 /// Errors: one sentence, if none does.
 tl::expected<BoardSheet, std::string> lay_out_board(const TargetBoard& board);
 
+/// Fiducials for the platter's rim to cut out, "rim:12x11" or "rim:12x11+100": count x side of a tag's black square in
+/// mm, first number. Errors: one sentence.
+tl::expected<BoardSheet, std::string> lay_out_rim_tags(const std::string& text);
+
 std::string svg_of(const BoardSheet& sheet);
 /// PDF 1.4 with the standard font Helvetica.
 std::string pdf_of(const BoardSheet& sheet);

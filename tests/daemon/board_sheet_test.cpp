@@ -205,6 +205,32 @@ INSTANTIATE_TEST_SUITE_P(
                       Case{"tags:7x10x15+40", "A4", 7, 10, 15, 40}, Case{"tags:3x3x9.5+500", "A4", 3, 3, 9.5, 500},
                       Case{"chessboard:12x9x25", "A3", 12, 9, 25, -1}, Case{"tags:9x8x40", "A2", 9, 8, 40, 0}));
 
+TEST(RimTags, CanBeCutOutAndAreRead) {
+  const auto sheet = lay_out_rim_tags("rim:12x11.2+40");
+  ASSERT_TRUE(sheet) << sheet.error();
+  for (const ReadSheet& read : {read_svg(svg_of(*sheet)), read_pdf(pdf_of(*sheet))}) {
+    const auto tags = tags_on(read);
+    EXPECT_EQ(tags.size(), 12u);
+    EXPECT_TRUE(tags.contains(40) && tags.contains(51));
+    // Each has its white border of a cell at least, and two that are cut apart share none of it.
+    for (const auto& [id, at] : tags) {
+      for (const auto& [other, there] : tags) {
+        if (other != id) {
+          EXPECT_GE(std::max(std::abs(at.first - there.first), std::abs(at.second - there.second)), 11.2 * 1.25);
+        }
+      }
+      EXPECT_GT(at.first, 5 + 0.625 * 11.2);
+      EXPECT_LT(at.first, read.width - 5 - 0.625 * 11.2);
+    }
+    EXPECT_NE(read.words.find("glue them flat"), std::string::npos);
+  }
+}
+
+TEST(RimTags, RefuseWhatIsNone) {
+  for (const char* text : {"rim:2x11", "rim:12x1", "rim:12", "rim:12x11+", "rim:12x11+580", "rim:12x11 ", "rim:400x40"})
+    EXPECT_FALSE(lay_out_rim_tags(text)) << text;
+}
+
 TEST(BoardSheets, RefuseWhatFitsOnNoPage) {
   for (const char* text : {"chessboard:12x9x100", "tags:20x20x60"}) {
     const auto sheet = lay_out_board(*TargetBoard::parse(text));
