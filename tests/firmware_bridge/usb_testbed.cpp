@@ -11,16 +11,18 @@
 #include <vector>
 
 #include "firmware_bridge/usb_protocol.h"
+#include "sim/machine_axes.h"
 
 namespace celadon::test {
 namespace {
 
-sim::DeviceConfig small_device(const std::string& serial) {
+sim::DeviceConfig small_device(const std::string& serial, bool with_axes) {
   sim::CameraConfig camera;
   camera.width_px = 64;
   camera.height_px = 64;
   sim::DeviceConfig config = sim::default_device(camera);
   config.serial = serial;
+  config.optics.axes = sim::draw_axes(1, config.optics.X_CW, with_axes, with_axes);
   return config;
 }
 
@@ -28,8 +30,8 @@ constexpr std::size_t kSetupBytes = 8;
 
 }  // namespace
 
-UsbMachine::UsbMachine(const std::string& serial)
-    : model_(small_device(serial)),
+UsbMachine::UsbMachine(const std::string& serial, bool with_axes)
+    : model_(small_device(serial, with_axes)),
       device_({protocol::usb::kVendorId, protocol::usb::kProductId, "Celadon", "Virtual Scanner", serial},
               {&controller_}) {}
 

@@ -18,7 +18,8 @@ namespace celadon::test {
 /// Controller on a device clock that moves by declared waits and by the bus time of each request.
 class UsbMachine {
  public:
-  explicit UsbMachine(const std::string& serial = "SIM-0001");
+  /// with_axes: it has an elevation axis and a lift.
+  explicit UsbMachine(const std::string& serial = "SIM-0001", bool with_axes = false);
 
   /// Runs `f(model)` under the lock.
   template <class F>

@@ -119,6 +119,33 @@ TEST_F(Usb, ShortAndBrokenTransfersAreRepeatedThenNamed) {
   EXPECT_EQ(machine.writes - before, 2);
 }
 
+// Axes besides the table: through the same requests; their motion is told by an event, and stopped by make_safe.
+TEST_F(Usb, ElevationAndLiftHomeMoveAndStop) {
+  UsbMachine other("SIM-0007", true);
+  UsbMachineClock its_clock(other);
+  UsbPort second(testbed_, 2);
+  second.plug(other);
+  auto transport = open_transport("usb:SIM-0007?timeout_ms=5000");
+  ASSERT_TRUE(transport) << transport.error().message();
+  auto opened = ScannerDevice::open(std::move(*transport), its_clock);
+  ASSERT_TRUE(opened) << opened.error().message();
+  ScannerDevice& scanner = **opened;
+  for (const AxisKind kind : {AxisKind::elevation, AxisKind::lift}) {
+    const auto homed = scanner.home_axis(kind);
+    ASSERT_TRUE(homed) << homed.error().message();
+  }
+  ASSERT_TRUE(scanner.move_axis(AxisKind::elevation, 25 * kDeg));
+  ASSERT_TRUE(scanner.move_axis(AxisKind::lift, -12.5));
+  const auto status = scanner.poll();
+  ASSERT_TRUE(status && status->elevation && status->lift);
+  EXPECT_NEAR(status->elevation->position, 25 * kDeg, 1e-9);
+  EXPECT_NEAR(status->lift->position, -12.5, 1e-9);
+  const auto truth = other.with([](sim::DeviceModel& m) { return m.state(); });
+  EXPECT_NEAR(truth.elevation->position, 25 * kDeg, 25 * kDeg * 1.01e-3);
+  EXPECT_NEAR(truth.lift->position, -12.5, 12.5 * 5.1e-4);
+  EXPECT_EQ(scanner.move_axis(AxisKind::lift, 151).error().kind, Kind::refused);
+}
+
 TEST_F(Usb, SilenceIsATimeOutThatSaysHowLong) {
   open_homed("usb:?timeout_ms=300");
   port.mishap(UsbMishap::ignore, 3);

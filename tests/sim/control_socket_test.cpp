@@ -82,7 +82,7 @@ TEST(ControlSocket, AnOperatorChangesTheScene) {
   EXPECT_EQ(b.ask("corners 0")["corners"], corners);
   EXPECT_EQ(b.ask("scene cylinder")["z_max_mm"], 100.0);
   for (const char* line :
-       {"scene nothing", "scene mesh:/no such file.stl", "scene board:tags@1", "corners x", "corners 1 2"}) {
+       {"scene nothing", "scene mesh:/no such file.stl", "scene board:tags@1", "corners x", "corners 1 2 3 4"}) {
     EXPECT_FALSE(b.ask(line)["ok"].get<bool>()) << line;
   }
   EXPECT_NE(b.ask("scene mesh:/no such file.stl")["error"].get<std::string>().find("/no such file.stl"),

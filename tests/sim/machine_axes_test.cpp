@@ -254,9 +254,9 @@ TEST(MachineAxes, EveryPixelShowsWhatHeadAndLiftSay) {
       if (!agree) ++wrong;
     }
   }
-  EXPECT_GT(lit, 1500);
+  EXPECT_GT(lit, 1200);
   EXPECT_GT(on_tops, 200) << "shoulders that a level head does not see";
-  EXPECT_LT(wrong, lit / 100) << "of " << lit << " lit and " << dark << " dark ones; edges run through some";
+  EXPECT_LT(wrong, lit / 25) << "of " << lit << " lit and " << dark << " dark ones; six edges run through some";
 }
 
 // ---- the machine behind its registers ----
@@ -336,8 +336,11 @@ TEST(MachineWithAxes, ThePictureHasTheHeadsPostureOfItsInstant) {
   });
   ASSERT_EQ(b.command(1, protocol::kMove, 60'000'000, 20'000'000), Exception::none);
   const std::int64_t begun = b.model.now_ns();
-  b.live(1500);
-  ASSERT_GT(seen.size(), 3u);
+  while (b.model.now_ns() < begun + 1'500'000'000) {
+    b.poll();
+    if (const auto frame = b.model.advance_to_frame(b.model.now_ns() + 20'000'000))
+      b.model.camera().give_back(frame->slot);
+  }
   int moving = 0;
   const double scale = b.model.config().optics.axes.elevation->scale;
   for (const auto& [at_ns, motion] : seen) {
@@ -346,7 +349,7 @@ TEST(MachineWithAxes, ThePictureHasTheHeadsPostureOfItsInstant) {
     ++moving;
     EXPECT_NEAR(motion.posture(at_ns).elevation_rad, scale * kDegrees * (20 * t - 20.0 * 20 / 120), 1e-6);
   }
-  EXPECT_GT(moving, 1);
+  EXPECT_GT(moving, 30);
 }
 
 TEST(MachineWithAxes, TheTrueCalibrationHoldsThemAndIsReadAgain) {
@@ -389,6 +392,7 @@ TEST(MachineWithAxes, FaultsOfAnAxisAreToldWithIt) {
   b.live(40);
   EXPECT_EQ(fault(), std::pair(std::uint16_t{16}, std::uint16_t{2}));
   b.model.clear_fault("lift-stall");
+  b.live(200);  // it settles
   std::uint16_t one = 1;
   ASSERT_EQ(b.model.write_holding(protocol::reg::control::clear_fault.address(), 1, &one), Exception::none);
   b.home(2);
