@@ -232,7 +232,7 @@ struct Programme {
 /// What is seen of a machine; poses and noise from the seed.
 inline CalibrationInput seen_of(const TrueMachine& machine, std::uint64_t seed, const Programme& programme = {},
                                 const Noise& noise = {}) {
-  CalibrationInput input{.board = TargetBoard(11, 8, 8, false), .views = {}, .platter = {}};
+  CalibrationInput input{.board = TargetBoard(11, 8, 8, false), .views = {}, .platter = {}, .rim = {}};
   input.width_px = machine.width_px;
   input.height_px = machine.height_px;
   Viewer viewer(machine, input.board, seed, noise);
