@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <utility>
 #include <vector>
 
@@ -26,43 +25,6 @@ constexpr double kBridging = kVanishingWeight / 4;
 constexpr double kRidge = 1e-12;
 constexpr int kMostActive = 6;
 
-// Of the system's largest entry, what conditions weigh that hold exactly: what is left of the errors that they forbid
-// is the inverse of it.
-constexpr double kHolding = 1e6;
-
-// A x = b, with what poles allow.
-class Factor {
- public:
-  Factor(const StencilMatrix& matrix, const PoleJets* jets) {
-    if (jets) {
-      pole_.emplace(matrix, *jets);
-    } else {
-      block_.emplace(matrix);
-    }
-  }
-  bool ok() const { return pole_ ? pole_->ok() : block_->ok(); }
-  void solve(const double* b, double* x) const { pole_ ? pole_->solve(b, x) : block_->solve(b, x); }
-
- private:
-  std::optional<PoleSolver> pole_;
-  std::optional<BlockCholesky> block_;
-};
-
-// Conditions C x = d, `rows` for every function around, make the solution x - M^-1 C' (C M^-1 C')^-1 (C x - d) and the
-// errors those of (M + w C'C)^-1 with a large w.
-void hold(const Eigen::MatrixXd& rows, StencilMatrix& system) {
-  double largest = 0;
-  for (int j = 0; j < system.count_v(); ++j)
-    for (int i = 0; i < system.count_u(); ++i) largest = std::max(largest, system.diagonal(i, j));
-  for (Eigen::Index k = 0; k < rows.rows(); ++k) {
-    const Eigen::RowVectorXd row = rows.row(k).normalized() * std::sqrt(kHolding * largest);
-    for (int j = 0; j < system.count_v(); ++j)
-      for (int i = 0; i < system.count_u(); ++i)
-        for (int du = std::max(-i, -system.band_u()); du <= std::min(system.count_u() - 1 - i, system.band_u()); ++du)
-          system.plane(system.plane_of(j, j), du)[system.at(i, j)] += row(i) * row(i + du);
-  }
-}
-
 std::optional<StencilMatrix> inverse_entries(const StencilMatrix& matrix, const PoleJets* jets) {
   if (jets) {
     const PoleSolver factor(matrix, *jets);
@@ -74,21 +36,20 @@ std::optional<StencilMatrix> inverse_entries(const StencilMatrix& matrix, const 
 
 // What errors common to a profile add: coefficients c(v) of functions that are constant along u scatter as A_v^-1, and
 // the fit answers to them with M^-1 A T c, T = 1 x I. A column an unknown, its square the variance.
-std::optional<Eigen::MatrixXd> common_errors(const NormalEquations& equations, const StencilMatrix& system) {
+std::optional<Eigen::MatrixXd> common_errors(const NormalEquations& equations, double smoothing) {
   const int nu = equations.matrix().count_u(), nv = equations.matrix().count_v();
-  const Factor solver(system, equations.jets());
-  if (!solver.ok()) return std::nullopt;
+  NormalSolver solver(equations, smoothing, {.direct = true});
   Eigen::MatrixXd response(nv, nu * nv), around(nv, nv);
-  AlignedVector<double> product(equations.matrix().field_size()), solved(product.size());
+  AlignedVector<double> product(equations.matrix().field_size());
   for (int j = 0; j < nv; ++j) {
     Eigen::MatrixXd constant = Eigen::MatrixXd::Zero(nu, nv);
     constant.col(j).setOnes();
     equations.matrix().multiply(equations.to_field(constant).data(), product.data());
     const Eigen::MatrixXd of_samples = equations.to_matrix(product);
     around.row(j) = of_samples.colwise().sum();
-    solver.solve(equations.to_field(of_samples).data(), solved.data());
-    const Eigen::MatrixXd answer = equations.to_matrix(solved);
-    response.row(j) = Eigen::Map<const Eigen::RowVectorXd>(answer.data(), answer.size());
+    const auto solved = solver.apply_inverse(of_samples);
+    if (!solved) return std::nullopt;
+    response.row(j) = Eigen::Map<const Eigen::RowVectorXd>(solved->data(), solved->size());
   }
   around.diagonal().array() += kRidge * around.trace() / nv;
   const Eigen::LLT<Eigen::MatrixXd> factor(around);
@@ -126,12 +87,12 @@ Eigen::MatrixXd roughness(const NormalEquations& equations, const Eigen::MatrixX
   return tau;
 }
 
-// Values of the functions of a space that do not vanish at t, or their slopes (order 1).
+// Values of the functions of a space that do not vanish at t.
 struct ActiveValues {
   std::array<int, kMostActive> index{};
   std::array<double, kMostActive> value{};
   std::size_t count = 0;
-  ActiveValues(const RangeSpace& space, double t, int order = 0) {
+  ActiveValues(const RangeSpace& space, double t) {
     const auto& breaks = space.breaks();
     const auto next = std::upper_bound(breaks.begin() + 1, breaks.end() - 1, t);
     const int interval = static_cast<int>(next - breaks.begin()) - 1;
@@ -139,12 +100,7 @@ struct ActiveValues {
     const auto active = space.active(interval);
     for (; count < active.size(); ++count) {
       const auto polynomial = space.polynomial(interval, static_cast<int>(count));
-      double slope = 0;
-      for (std::size_t i = polynomial.size(); i-- > 0;) {
-        slope = slope * s + value[count];
-        value[count] = value[count] * s + polynomial[i];
-      }
-      if (order > 0) value[count] = slope * 2 / (hi - lo);
+      for (std::size_t i = polynomial.size(); i-- > 0;) value[count] = value[count] * s + polynomial[i];
       index[count] = active[count];
     }
   }
@@ -196,7 +152,6 @@ ErrorSources error_sources(const MemberSamples& samples, LadderFit member) {
     sources.largest_variance = noise.ratios.maxCoeff() * variance;
   }
   sources.knot_bias = knot_bias(samples.ladder, samples.sums, member, noise, samples.profiles);
-  sources.held = std::move(member.held);
   sources.equations = std::move(member.equations);
   return sources;
 }
@@ -219,16 +174,6 @@ std::optional<CoefficientCovariance> CoefficientCovariance::of(const ErrorSource
     ratio = std::max(ratio, sources.roughness.array().square().maxCoeff() * mu);
   }
   if (!(ratio > 0)) return std::nullopt;
-  Eigen::MatrixXd bias = sources.knot_bias;
-  if (sources.held.rows() > 0) {
-    AlignedVector<double> loads(system.field_size()), held(system.field_size());
-    system.multiply(equations.to_field(bias).data(), loads.data());
-    hold(sources.held, system);
-    const Factor factor(system, jets);
-    if (!factor.ok()) return std::nullopt;
-    factor.solve(loads.data(), held.data());
-    bias = equations.to_matrix(held);
-  }
   // M^-1 C M^-1 is minus the derivative of (M + t C)^-1.
   std::optional<StencilMatrix> entries;
   for (double step = kStep; !entries && step > kSmallestStep; step /= 10) {
@@ -245,12 +190,12 @@ std::optional<CoefficientCovariance> CoefficientCovariance::of(const ErrorSource
   if (!entries) return std::nullopt;
   const double common = sources.inflation.common * sources.noise_variance;
   if (common > 0) {
-    auto of_profiles = common_errors(equations, system);
+    auto of_profiles = common_errors(equations, sources.smoothing);
     if (!of_profiles) return std::nullopt;
     entries->add_product(*of_profiles * std::sqrt(common));
   }
   // As if the coefficients missed the truth by so much, all to one side: the functions add up to 1.
-  entries->add_product(Eigen::Map<const Eigen::RowVectorXd>(bias.data(), bias.size()));
+  entries->add_product(Eigen::Map<const Eigen::RowVectorXd>(sources.knot_bias.data(), sources.knot_bias.size()));
   return CoefficientCovariance(sources.equations, std::move(*entries));
 }
 
@@ -268,33 +213,6 @@ double CoefficientCovariance::sd_mm(double v, double along) const {
                  entries_.plane(plane, of_u.index[d] - of_u.index[c])[entries_.at(of_u.index[c], of_v.index[a])];
         over_u += of_u.value[c] * row;
       }
-      variance += of_v.value[a] * of_v.value[b] * over_u;
-    }
-  return std::sqrt(std::max(variance, 0.0));
-}
-
-double CoefficientCovariance::sd_mm(double v, std::span<const AlongTerm> terms) const {
-  std::vector<std::pair<int, double>> weights;  // of the functions along
-  for (const AlongTerm& term : terms) {
-    const ActiveValues values(space().u, term.along, term.order);
-    for (std::size_t a = 0; a < values.count; ++a) {
-      const auto known = std::find_if(weights.begin(), weights.end(),
-                                      [&](const auto& weight) { return weight.first == values.index[a]; });
-      const double more = term.factor * values.value[a];
-      known == weights.end() ? static_cast<void>(weights.emplace_back(values.index[a], more))
-                             : static_cast<void>(known->second += more);
-    }
-  }
-  const ActiveValues of_v(space().v, v);
-  double variance = 0;
-  for (std::size_t a = 0; a < of_v.count; ++a)
-    for (std::size_t b = 0; b < of_v.count; ++b) {
-      const int plane = entries_.plane_of(of_v.index[a], of_v.index[b]);
-      double over_u = 0;
-      for (const auto& [c, of_c] : weights)
-        for (const auto& [d, of_d] : weights)
-          if (std::abs(d - c) <= entries_.band_u())
-            over_u += of_c * of_d * entries_.plane(plane, d - c)[entries_.at(c, of_v.index[a])];
       variance += of_v.value[a] * of_v.value[b] * over_u;
     }
   return std::sqrt(std::max(variance, 0.0));

@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <memory>
 #include <optional>
-#include <span>
 
 #include "fitting/fit_ladder.h"
 #include "fitting/knot_selection.h"
@@ -27,7 +26,6 @@ struct ErrorSources {
   double smoothing = 0;         ///< weight of the bending energy that was solved with, relative to the traces
   Eigen::MatrixXd roughness;    ///< tau near each coefficient: root of the object's bending energy a coefficient
   Eigen::MatrixXd knot_bias;    ///< what the knots cannot follow, near each coefficient (mm)
-  Eigen::MatrixXd held{};       ///< conditions that hold exactly: rows over the functions along, for every one around
 };
 
 /// Of coefficients that least squares give, bridged with kVanishingWeight where cells are empty: noise alike
@@ -46,13 +44,6 @@ struct MemberSamples {
 };
 ErrorSources error_sources(const MemberSamples& samples, LadderFit member);
 
-/// The range (order 0) or its slope along the base (order 1) at one place, times a factor.
-struct AlongTerm {
-  double along;
-  int order;
-  double factor;
-};
-
 /// Covariance of the free coefficients, the pairs that share an interval: memory as the normal matrix. The error it
 /// speaks of is that to the truth: what noise makes of the coefficients; where an energy smooths or bridges, the
 /// truth's own bending that it takes away; and what the knots cannot follow. Systematic errors of the scanner are not
@@ -68,8 +59,6 @@ class CoefficientCovariance {
   double sd_mm(double v, double along) const;
   /// The same at n points; arrays of length n.
   void evaluate(const double* v, const double* along, std::size_t n, double* sd_mm) const;
-  /// Standard deviation of a sum of terms at one v. Coefficients that share no interval count as independent.
-  double sd_mm(double v, std::span<const AlongTerm> terms) const;
 
   const FitSpace& space() const { return equations_->space(); }
   const StencilMatrix& entries() const { return entries_; }

@@ -151,7 +151,6 @@ bool project(const std::vector<Condition>& conditions, LadderFit& fit, double no
     fit.free -= *change;
   }
   fit.free -= rows.transpose() * (rows * rows.transpose()).ldlt().solve(missing());
-  fit.held = rows;
   fit.parameters -= static_cast<double>(count * around);
   fit.residual_square = equations.residual_square(fit.free);
   return fit.free.allFinite();

@@ -32,17 +32,13 @@ namespace HWY_NAMESPACE {
 namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
-// Rows are a multiple of four: what is left over of eight goes through half vectors.
-using Whole = hn::CappedTag<double, 8>;
-using Half = hn::CappedTag<double, 4>;
-template <class D>
-inline constexpr std::ptrdiff_t kLanesOf = static_cast<std::ptrdiff_t>(hn::MaxLanes(D()));
+using D = hn::CappedTag<double, 4>;
+using V = hn::Vec<D>;
+constexpr std::ptrdiff_t kLanes = static_cast<std::ptrdiff_t>(hn::MaxLanes(D()));
 
 // A tile of c stays in registers over the whole inner dimension.
-template <class D, int kVectors, int kColumns>
+template <int kVectors, int kColumns>
 HWY_INLINE void tile(const DenseProduct& m, std::ptrdiff_t row, std::ptrdiff_t column) {
-  using V = hn::Vec<D>;
-  constexpr std::ptrdiff_t kLanes = kLanesOf<D>;
   const D d;
   V sum[kVectors][kColumns];
   for (int i = 0; i < kVectors; ++i)
@@ -65,19 +61,14 @@ HWY_INLINE void tile(const DenseProduct& m, std::ptrdiff_t row, std::ptrdiff_t c
 
 template <int kColumns>
 HWY_INLINE void columns(const DenseProduct& m, std::ptrdiff_t column) {
-  constexpr std::ptrdiff_t kWhole = kLanesOf<Whole>, kHalf = kLanesOf<Half>;
   std::ptrdiff_t row = 0;
-  for (; row + 3 * kWhole <= m.rows; row += 3 * kWhole) tile<Whole, 3, kColumns>(m, row, column);
-  for (; row + kWhole <= m.rows; row += kWhole) tile<Whole, 1, kColumns>(m, row, column);
-  for (; row < m.rows; row += kHalf) tile<Half, 1, kColumns>(m, row, column);
+  for (; row + 3 * kLanes <= m.rows; row += 3 * kLanes) tile<3, kColumns>(m, row, column);
+  for (; row < m.rows; row += kLanes) tile<1, kColumns>(m, row, column);
 }
 
 void product(const DenseProduct& m) {
-  constexpr int kMost = HWY_MAX_BYTES == 64 ? 8 : 4;  // as many as there are registers for
   std::ptrdiff_t column = 0;
-  for (; column + kMost <= m.columns; column += kMost) columns<kMost>(m, column);
-  for (; kMost > 4 && column + 4 <= m.columns; column += 4) columns<4>(m, column);
-  for (; column + 2 <= m.columns; column += 2) columns<2>(m, column);
+  for (; column + 4 <= m.columns; column += 4) columns<4>(m, column);
   for (; column < m.columns; ++column) columns<1>(m, column);
 }
 

@@ -37,8 +37,6 @@ struct LadderFit {
   LadderLevels levels;
   double residual_square = 0, parameters = 0;
   double smoothing = 0;  ///< relative weight of the bending energy
-  /// What it holds exactly, whatever the samples say: rows over the functions along, for every function around.
-  Eigen::MatrixXd held{};
 };
 
 /// One member, with an energy of this weight where samples are missing. nullopt: not determined.

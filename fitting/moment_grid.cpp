@@ -4,14 +4,11 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 #include <numbers>
 #include <stdexcept>
 #include <string>
-#include <vector>
 
-#include "fitting/aligned_allocator.h"
 #include "fitting/moment_kernels.h"
 
 namespace celadon {
@@ -42,86 +39,6 @@ moment_kernels::Grid kernel_grid(const GridSpecification& s, const MomentLayout&
           s.z_intervals / (s.z_end_mm - s.z_start_mm),
           static_cast<double>(s.intervals_per_arc)};
 }
-
-/// Samples on their way into the sums, in an order that suits these: of many in no order, those of a cell after one
-/// another, so that a cell is fetched and stored once for some of them. README.md, "Accumulation".
-class Arrivals {
- public:
-  explicit Arrivals(std::size_t samples, const moment_kernels::Grid& grid)
-      : grid_(grid),
-        cells_(static_cast<std::size_t>(grid.z_cells) * static_cast<std::size_t>(grid.v_cells)),
-        sorts_(std::min(samples, kChunk) >= kSamplesPerCell * cells_),
-        chunk_(sorts_ ? std::min(samples, kChunk) : std::min(samples, kBlock)) {
-    if (!sorts_) return;
-    many_.resize(5 * pitch());
-    order_.resize(chunk_);
-    begin_.resize(cells_ + 1);
-  }
-
-  /// Takes samples [0, n): `place(first, count, v, r)` says v and r of a block of them, in the arrays that it is given
-  /// or in its own; `reject(first, count, placed)` hears of blocks with bad ones. Returns the number of good ones.
-  struct Placed {
-    const double *r, *v;
-  };
-  template <class Place, class Reject>
-  std::size_t add(std::size_t n, const double* z, const double* weight, const Place& place, const Reject& reject) {
-    double* const arrays = sorts_ ? many_.data() : few_.data();
-    double *const v = arrays, *const r = arrays + pitch();
-    const moment_kernels::Located at{arrays + 2 * pitch(), arrays + 3 * pitch(), arrays + 4 * pitch()};
-    std::size_t all_good = 0;
-    for (std::size_t first = 0; first < n; first += chunk_) {
-      const std::size_t m = std::min(chunk_, n - first);
-      const double *ranges = nullptr, *w = weight ? weight + first : nullptr;
-      for (std::size_t k = 0; k < m; k += kBlock) {
-        const std::size_t count = std::min(kBlock, m - k);
-        const Placed placed = place(first + k, count, v + k, r + k);
-        if (k == 0) ranges = placed.r;
-        const std::size_t good = moment_kernels::locate(grid_, placed.r, z + first + k, placed.v, w ? w + k : nullptr,
-                                                        count, {at.cell + k, at.s + k, at.t + k});
-        all_good += good;
-        if (good < count) reject(first + k, count, placed);
-      }
-      if (sorts_ && in_no_order(at.cell, m)) {
-        moment_kernels::scatter(grid_, at, ranges, w, order_.data(), sort(at.cell, m));
-      } else {
-        moment_kernels::scatter(grid_, at, ranges, w, nullptr, m);
-      }
-    }
-    return all_good;
-  }
-
- private:
-  // Samples that are sorted at a time, and fewer than which a cell would not be worth it.
-  static constexpr std::size_t kChunk = 16384, kSamplesPerCell = 2;
-  /// From one array to the next: whole cache lines.
-  std::size_t pitch() const { return sorts_ ? (chunk_ + 7) / 8 * 8 : kBlock; }
-
-  /// Every other sample lies in another cell than the one before.
-  static bool in_no_order(const double* cell, std::size_t n) {
-    std::size_t changes = 0;
-    for (std::size_t k = 1; k < n; ++k) changes += cell[k] != cell[k - 1] ? 1 : 0;
-    return 2 * changes > n;
-  }
-  /// By counting; bad samples are left out. Returns the number of the others.
-  std::size_t sort(const double* cell, std::size_t n) {
-    std::fill(begin_.begin(), begin_.end(), 0);
-    for (std::size_t k = 0; k < n; ++k)
-      if (cell[k] >= 0) ++begin_[static_cast<std::size_t>(cell[k]) + 1];
-    for (std::size_t c = 0; c < cells_; ++c) begin_[c + 1] += begin_[c];
-    const std::size_t good = begin_[cells_];
-    for (std::size_t k = 0; k < n; ++k)
-      if (cell[k] >= 0) order_[begin_[static_cast<std::size_t>(cell[k])]++] = static_cast<std::uint32_t>(k);
-    return good;
-  }
-
-  const moment_kernels::Grid& grid_;
-  std::size_t cells_;
-  bool sorts_;
-  std::size_t chunk_;
-  alignas(64) std::array<double, 5 * kBlock> few_;
-  AlignedVector<double> many_;
-  std::vector<std::uint32_t> order_, begin_;
-};
 
 void require_lengths(std::size_t a, std::size_t b, std::size_t c, const char* what) {
   if (a != b || a != c) throw std::invalid_argument(std::string("MomentGrid::") + what + ": arrays differ in length");
@@ -161,18 +78,13 @@ void MomentGrid::add(std::span<const double> r, std::span<const double> theta, s
                      std::span<const double> weight) {
   require_lengths(r.size(), theta.size(), z.size(), "add");
   if (!weight.empty()) require_lengths(r.size(), weight.size(), r.size(), "add");
-  const auto grid = kernel_grid(specification_, layout_, v_cells(), cells_.data());
-  samples_ += Arrivals(r.size(), grid)
-                  .add(
-                      r.size(), z.data(), weight.empty() ? nullptr : weight.data(),
-                      [&](std::size_t first, std::size_t count, double* v, double*) {
-                        arcs().place(theta.data() + first, count, v);
-                        return Arrivals::Placed{r.data() + first, v};
-                      },
-                      [&](std::size_t first, std::size_t count, const Arrivals::Placed& at) {
-                        count_rejected({at.r, count}, {at.v, count}, z.subspan(first, count),
-                                       weight.empty() ? weight : weight.subspan(first, count));
-                      });
+  std::array<double, kBlock> v;
+  for (std::size_t k = 0; k < r.size(); k += kBlock) {
+    const std::size_t n = std::min(kBlock, r.size() - k);
+    arcs().place(theta.data() + k, n, v.data());
+    add_synchronised(r.subspan(k, n), std::span(v).first(n), z.subspan(k, n),
+                     weight.empty() ? weight : weight.subspan(k, n));
+  }
 }
 
 void MomentGrid::add_synchronised(std::span<const double> r, std::span<const double> v, std::span<const double> z,
@@ -180,16 +92,14 @@ void MomentGrid::add_synchronised(std::span<const double> r, std::span<const dou
   require_lengths(r.size(), v.size(), z.size(), "add_synchronised");
   if (!weight.empty()) require_lengths(r.size(), weight.size(), r.size(), "add_synchronised");
   const auto grid = kernel_grid(specification_, layout_, v_cells(), cells_.data());
-  samples_ += Arrivals(r.size(), grid)
-                  .add(
-                      r.size(), z.data(), weight.empty() ? nullptr : weight.data(),
-                      [&](std::size_t first, std::size_t, double*, double*) {
-                        return Arrivals::Placed{r.data() + first, v.data() + first};
-                      },
-                      [&](std::size_t first, std::size_t count, const Arrivals::Placed& at) {
-                        count_rejected({at.r, count}, {at.v, count}, z.subspan(first, count),
-                                       weight.empty() ? weight : weight.subspan(first, count));
-                      });
+  for (std::size_t k = 0; k < r.size(); k += kBlock) {
+    const std::size_t n = std::min(kBlock, r.size() - k);
+    const double* w = weight.empty() ? nullptr : weight.data() + k;
+    const std::size_t good = moment_kernels::add_block(grid, r.data() + k, z.data() + k, v.data() + k, w, n);
+    samples_ += good;
+    if (good < n)
+      count_rejected(r.subspan(k, n), v.subspan(k, n), z.subspan(k, n), weight.empty() ? weight : weight.subspan(k, n));
+  }
 }
 
 void MomentGrid::add_constant_theta(double theta, std::span<const double> r, std::span<const double> z) {
@@ -209,16 +119,14 @@ void MomentGrid::add_constant_theta(double theta, std::span<const double> r, std
 void MomentGrid::add_cartesian(std::span<const double> x, std::span<const double> y, std::span<const double> z) {
   require_lengths(x.size(), y.size(), z.size(), "add_cartesian");
   const auto grid = kernel_grid(specification_, layout_, v_cells(), cells_.data());
-  samples_ += Arrivals(x.size(), grid)
-                  .add(
-                      x.size(), z.data(), nullptr,
-                      [&](std::size_t first, std::size_t count, double* v, double* r) {
-                        arcs().place(x.data() + first, y.data() + first, count, v, r);
-                        return Arrivals::Placed{r, v};
-                      },
-                      [&](std::size_t first, std::size_t count, const Arrivals::Placed& at) {
-                        count_rejected({at.r, count}, {at.v, count}, z.subspan(first, count), {});
-                      });
+  std::array<double, kBlock> v, r;
+  for (std::size_t k = 0; k < x.size(); k += kBlock) {
+    const std::size_t n = std::min(kBlock, x.size() - k);
+    arcs().place(x.data() + k, y.data() + k, n, v.data(), r.data());
+    const std::size_t good = moment_kernels::add_block(grid, r.data(), z.data() + k, v.data(), nullptr, n);
+    samples_ += good;
+    if (good < n) count_rejected(std::span(r).first(n), std::span(v).first(n), z.subspan(k, n), {});
+  }
 }
 
 // Rows that share a v cell are summed column by column, then against the powers of s; the weight moments are products.
@@ -265,7 +173,7 @@ void MomentGrid::add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1
   int current = -1;
   const auto flush = [&] {
     if (rows.empty()) return;
-    moment_kernels::sum_rows({rows.data(), t_powers.data(), rows.size(), columns, q, true}, sums.data());
+    moment_kernels::sum_rows({rows.data(), t_powers.data(), rows.size(), columns, q}, sums.data());
     for (const Run& run : runs) {
       double* to = cells_.data() + static_cast<std::ptrdiff_t>(current * z_cells() + run.z_cell) * layout_.stride();
       for (int b = 0; b <= 2 * p; ++b)

@@ -118,9 +118,13 @@ HWY_INLINE void scatter(const MomentLayout& layout, double* HWY_RESTRICT cell, c
   }
 }
 
+struct Located {
+  HWY_ALIGN double cell[kBlock], s[kBlock], t[kBlock];  // cell -1: not to be added
+};
+
 // Cell and local coordinates of each sample.
-std::size_t locate(const Grid& g, const double* r, const double* z, const double* v, const double* w, std::size_t n,
-                   const Located& out) {
+HWY_INLINE std::size_t locate(const Grid& g, const double* r, const double* z, const double* v, const double* w,
+                              std::size_t n, Located& out) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
   const auto zero = hn::Zero(d), one = hn::Set(d, 1.0), two = hn::Set(d, 2.0);
@@ -157,78 +161,59 @@ std::size_t locate(const Grid& g, const double* r, const double* z, const double
   return good;
 }
 
-// Up to four samples in a row that lie in one cell share its loads and stores. kOrdered: in the order given.
-template <int kP, int kQ, bool kOrdered>
-HWY_INLINE void scatter_all(const Grid& g, const Located& at, const double* r, const double* w,
-                            const std::uint32_t* order, std::size_t n) {
+template <int kP, int kQ>
+HWY_INLINE void scatter_block(const Grid& g, const Located& at, const double* r, const double* w, std::size_t n) {
   constexpr int kScale = kQ && kQ <= 3 ? 1 : 2;
   using S = Sample<kWeightVectors3 * kScale, kRangeVectors3 * kScale>;
   const std::size_t stride = static_cast<std::size_t>(g.layout.stride());
-  const auto which = [&](std::size_t k) { return kOrdered ? static_cast<std::size_t>(order[k]) : k; };
-  const auto cell = [&](std::size_t k) { return at.cell[which(k)]; };
-  const auto sums_of = [&](std::size_t k) { return g.cells + static_cast<std::size_t>(cell(k)) * stride; };
+  const auto cell_of = [&](std::size_t k) { return g.cells + static_cast<std::size_t>(at.cell[k]) * stride; };
   const auto sample = [&](std::size_t k) {
-    const std::size_t i = which(k);
-    return prepare<kQ, kWeightVectors3 * kScale, kRangeVectors3 * kScale>(g.layout, at.t[i], at.s[i], r[i],
-                                                                          w ? w[i] : 1.0);
+    return prepare<kQ, kWeightVectors3 * kScale, kRangeVectors3 * kScale>(g.layout, at.t[k], at.s[k], r[k],
+                                                                          w ? w[k] : 1.0);
   };
   for (std::size_t k = 0; k < n;) {
     constexpr std::size_t kAhead = 6;
-    if (k + kAhead < n && cell(k + kAhead) >= 0 && cell(k + kAhead) != cell(k + kAhead - 1)) {
-      const char* next = reinterpret_cast<const char*>(sums_of(k + kAhead));
+    if (k + kAhead < n && at.cell[k + kAhead] >= 0 && at.cell[k + kAhead] != at.cell[k + kAhead - 1]) {
+      const char* next = reinterpret_cast<const char*>(cell_of(k + kAhead));
       for (std::size_t line = 0; line < stride * sizeof(double); line += 64) hwy::Prefetch(next + line);
     }
-    const double here = cell(k);
-    if (here < 0) {
+    if (at.cell[k] < 0) {
       ++k;
-      continue;
-    }
-    std::size_t same = 1;
-    while (same < 4 && k + same < n && cell(k + same) == here) ++same;
-    if (same == 4) {
-      const S four[4] = {sample(k), sample(k + 1), sample(k + 2), sample(k + 3)};
-      scatter<kP, kQ, 4>(g.layout, sums_of(k), four);
-    } else if (same >= 2) {
+    } else if (k + 1 < n && at.cell[k + 1] == at.cell[k]) {
       const S pair[2] = {sample(k), sample(k + 1)};
-      scatter<kP, kQ, 2>(g.layout, sums_of(k), pair);
-      same = 2;
+      scatter<kP, kQ, 2>(g.layout, cell_of(k), pair);
+      k += 2;
     } else {
       const S single[1] = {sample(k)};
-      scatter<kP, kQ, 1>(g.layout, sums_of(k), single);
+      scatter<kP, kQ, 1>(g.layout, cell_of(k), single);
+      ++k;
     }
-    k += same;
   }
 }
 
-void scatter_located(const Grid& g, const Located& at, const double* r, const double* w, const std::uint32_t* order,
-                     std::size_t n) {
-  const bool cubic = g.layout.degree_u == 3 && g.layout.degree_v == 3;
-  if (order) {
-    cubic ? scatter_all<3, 3, true>(g, at, r, w, order, n) : scatter_all<0, 0, true>(g, at, r, w, order, n);
+std::size_t add_block(const Grid& g, const double* r, const double* z, const double* v, const double* w,
+                      std::size_t n) {
+  Located at;
+  const std::size_t good = locate(g, r, z, v, w, n, at);
+  if (good == 0) return 0;
+  if (g.layout.degree_u == 3 && g.layout.degree_v == 3) {
+    scatter_block<3, 3>(g, at, r, w, n);
   } else {
-    cubic ? scatter_all<3, 3, false>(g, at, r, w, order, n) : scatter_all<0, 0, false>(g, at, r, w, order, n);
+    scatter_block<0, 0>(g, at, r, w, n);
   }
+  return good;
 }
 
 // Sums over the lanes of n vectors.
 HWY_INLINE void sums_of_lanes(const hn::Vec<D>* v, int n, double* HWY_RESTRICT out) {
   const D d;
   int k = 0;
-#if HWY_TARGET != HWY_SCALAR && (HWY_MAX_BYTES == 32 || HWY_MAX_BYTES == 64)
-  // Four vectors of four at a time, by transposing them; of eight, after their halves are added.
-  const hn::CappedTag<double, 4> d4;
-  const auto four = [&](int i) {
-#if HWY_MAX_BYTES == 64
-    return hn::Add(hn::LowerHalf(d4, v[i]), hn::UpperHalf(d4, v[i]));
-#else
-    return v[i];
-#endif
-  };
+#if HWY_TARGET != HWY_SCALAR && HWY_MAX_BYTES == 32
+  // Four vectors of four at a time, by transposing them.
   for (; k + 4 <= n; k += 4) {
-    const auto a = four(k), b = four(k + 1), c = four(k + 2), e = four(k + 3);
-    const auto ab = hn::Add(hn::InterleaveLower(d4, a, b), hn::InterleaveUpper(d4, a, b));
-    const auto ce = hn::Add(hn::InterleaveLower(d4, c, e), hn::InterleaveUpper(d4, c, e));
-    hn::StoreU(hn::Add(hn::ConcatLowerLower(d4, ce, ab), hn::ConcatUpperUpper(d4, ce, ab)), d4, out + k);
+    const auto ab = hn::Add(hn::InterleaveLower(d, v[k], v[k + 1]), hn::InterleaveUpper(d, v[k], v[k + 1]));
+    const auto cd = hn::Add(hn::InterleaveLower(d, v[k + 2], v[k + 3]), hn::InterleaveUpper(d, v[k + 2], v[k + 3]));
+    hn::StoreU(hn::Add(hn::ConcatLowerLower(d, cd, ab), hn::ConcatUpperUpper(d, cd, ab)), d, out + k);
   }
 #endif
   for (; k < n; ++k) out[k] = hn::GetLane(hn::SumOfLanes(d, v[k]));
@@ -406,12 +391,11 @@ std::size_t add_profile(const Grid& g, double v, const double* r, const double* 
 }
 
 // kVectors of columns at a time stay in registers over all rows.
-template <int kQ, bool kSquares, int kVectors>
+template <int kQ, int kVectors>
 HWY_INLINE void sum_columns(const Rows& rows, std::size_t column, double* sums) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
-  constexpr std::size_t kSums = kQ + (kSquares ? 2 : 1);
-  hn::Vec<D> sum[kSums][kVectors];
+  hn::Vec<D> sum[kQ + 2][kVectors];
   for (auto& line : sum)
     for (auto& part : line) part = hn::Zero(d);
   for (std::size_t i = 0; i < rows.rows; ++i) {
@@ -419,23 +403,20 @@ HWY_INLINE void sum_columns(const Rows& rows, std::size_t column, double* sums) 
     for (std::size_t k = 0; k < kVectors; ++k) {
       const auto range = hn::LoadU(d, r + k * lanes);
       for (int a = 0; a <= kQ; ++a) sum[a][k] = hn::MulAdd(range, hn::Set(d, factors[a]), sum[a][k]);
-      if (kSquares) sum[kSums - 1][k] = hn::MulAdd(range, range, sum[kSums - 1][k]);
+      sum[kQ + 1][k] = hn::MulAdd(range, range, sum[kQ + 1][k]);
     }
   }
-  for (std::size_t a = 0; a < kSums; ++a)
+  for (std::size_t a = 0; a < kQ + 2; ++a)
     for (std::size_t k = 0; k < kVectors; ++k) hn::StoreU(sum[a][k], d, sums + a * rows.columns + column + k * lanes);
 }
 
-template <int kQ, bool kSquares>
+template <int kQ>
 void sum_rows_of(const Rows& rows, double* sums) {
   const std::size_t lanes = hn::Lanes(D());
-  constexpr int kVectors = HWY_MAX_BYTES == 64 ? 4 : 2;  // as many as there are registers for
   std::size_t column = 0;
-  for (; column + kVectors * lanes <= rows.columns; column += kVectors * lanes)
-    sum_columns<kQ, kSquares, kVectors>(rows, column, sums);
-  for (; column + lanes <= rows.columns; column += lanes) sum_columns<kQ, kSquares, 1>(rows, column, sums);
+  for (; column + 2 * lanes <= rows.columns; column += 2 * lanes) sum_columns<kQ, 2>(rows, column, sums);
   for (; column < rows.columns; ++column)
-    for (std::size_t a = 0; a < kQ + (kSquares ? 2 : 1); ++a) {
+    for (std::size_t a = 0; a < kQ + 2; ++a) {
       double sum = 0;
       for (std::size_t i = 0; i < rows.rows; ++i) {
         const double r = rows.r[i][column];
@@ -445,23 +426,18 @@ void sum_rows_of(const Rows& rows, double* sums) {
     }
 }
 
-template <int kQ>
-void sum_rows_with(const Rows& rows, double* sums) {
-  rows.squares ? sum_rows_of<kQ, true>(rows, sums) : sum_rows_of<kQ, false>(rows, sums);
-}
-
 void sum_rows(const Rows& rows, double* sums) {
   switch (rows.degree_v) {
     case 1:
-      return sum_rows_with<1>(rows, sums);
+      return sum_rows_of<1>(rows, sums);
     case 2:
-      return sum_rows_with<2>(rows, sums);
+      return sum_rows_of<2>(rows, sums);
     case 3:
-      return sum_rows_with<3>(rows, sums);
+      return sum_rows_of<3>(rows, sums);
     case 4:
-      return sum_rows_with<4>(rows, sums);
+      return sum_rows_of<4>(rows, sums);
     default:
-      return sum_rows_with<5>(rows, sums);
+      return sum_rows_of<5>(rows, sums);
   }
 }
 
@@ -497,21 +473,16 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace celadon::moment_kernels {
 
-HWY_EXPORT(locate);
-HWY_EXPORT(scatter_located);
+HWY_EXPORT(add_block);
 HWY_EXPORT(add_profile);
 HWY_EXPORT(all_positive);
 HWY_EXPORT(sum_rows);
 HWY_EXPORT(dot_products);
 HWY_EXPORT(target_name);
 
-std::size_t locate(const Grid& grid, const double* r, const double* z, const double* v, const double* weight,
-                   std::size_t n, const Located& out) {
-  return HWY_DYNAMIC_DISPATCH(locate)(grid, r, z, v, weight, n, out);
-}
-void scatter(const Grid& grid, const Located& at, const double* r, const double* weight, const std::uint32_t* order,
-             std::size_t n) {
-  HWY_DYNAMIC_DISPATCH(scatter_located)(grid, at, r, weight, order, n);
+std::size_t add_block(const Grid& grid, const double* r, const double* z, const double* v, const double* weight,
+                      std::size_t n) {
+  return HWY_DYNAMIC_DISPATCH(add_block)(grid, r, z, v, weight, n);
 }
 std::size_t add_profile(const Grid& grid, double v, const double* r, const double* z, std::size_t n, bool positive) {
   return HWY_DYNAMIC_DISPATCH(add_profile)(grid, v, r, z, n, positive);

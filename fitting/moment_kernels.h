@@ -21,17 +21,9 @@ struct Grid {
   double v_scale;           ///< cells per unit of v
 };
 
-/// Where samples lie: their cells (-1: not to be added) and local coordinates there, in [-1, 1]. The arrays start on a
-/// cache line, or a multiple of kBlock behind one, and have room for whole vectors.
-struct Located {
-  double *cell, *s, *t;
-};
-/// At most kBlock samples with their v; weight may be null. Returns the number of good ones.
-std::size_t locate(const Grid& grid, const double* r, const double* z, const double* v, const double* weight,
-                   std::size_t n, const Located& out);
-/// Adds n samples, in the order given or, if that is null, as they come. Neighbours in one cell are added together.
-void scatter(const Grid& grid, const Located& at, const double* r, const double* weight, const std::uint32_t* order,
-             std::size_t n);
+/// At most kBlock samples with their v; weight may be null. Good ones are added; returns their number.
+std::size_t add_block(const Grid& grid, const double* r, const double* z, const double* v, const double* weight,
+                      std::size_t n);
 /// All values are finite and positive.
 bool all_positive(const double* values, std::size_t n);
 /// Samples of one profile that share v; returns the number added. `positive`: all_positive(r, n).
@@ -44,9 +36,8 @@ struct Rows {
   const double* factors;  ///< factors[row * (degree_v + 1) + a], a = 0..q
   std::size_t rows, columns;
   int degree_v;
-  bool squares;
 };
-/// sums[a * columns + j] = sum over the rows of r_j times factor a, and of r_j^2 at a = q + 1 if wanted.
+/// sums[a * columns + j] = sum over the rows of r_j times factor a, and of r_j^2 at a = q + 1.
 void sum_rows(const Rows& rows, double* sums);
 /// out[a] = sum over k < n of x[k] y[k] of `count` pairs of arrays: x + a * step against one y.
 void dot_products(const double* x, std::size_t step, int count, const double* y, std::size_t n, double* out);

@@ -15,7 +15,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <iterator>
 #include <numbers>
 
 namespace celadon {
@@ -39,21 +38,18 @@ namespace HWY_NAMESPACE {
 namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
-using D = hn::CappedTag<double, 8>;
+using D = hn::CappedTag<double, 4>;
 using V = hn::Vec<D>;
 constexpr std::size_t kLanes = hn::MaxLanes(D());
-using DP = hn::CappedTag<double, 4>;  // powers of t in the lanes: four at a time
-constexpr std::size_t kPowerLanes = hn::MaxLanes(DP());
 
-template <class Vector>
-HWY_INLINE Vector times_plus(Vector a, Vector b, Vector c) {
+HWY_INLINE V times_plus(V a, V b, V c) {
   return hn::Add(hn::Mul(a, b), c);
 }
 
 // Horner's rule: value, derivative and half the second one of a polynomial with coefficients c(0) ... c(degree).
-template <int kOrder, class Coefficient, class Vector>
-HWY_INLINE void horner(const Coefficient& c, int degree, Vector at, Vector* value) {
-  Vector f = c(degree), f1 = hn::Zero(hn::DFromV<Vector>()), f2 = f1;
+template <int kOrder, class Coefficient>
+HWY_INLINE void horner(const Coefficient& c, int degree, V at, V* value) {
+  V f = c(degree), f1 = hn::Zero(D()), f2 = f1;
   for (int k = degree - 1; k >= 0; --k) {
     if (kOrder > 1) f2 = times_plus(f2, at, f1);
     if (kOrder > 0) f1 = times_plus(f1, at, f);
@@ -95,14 +91,13 @@ HWY_INLINE void in_their_cells(const double* const* cells, const double* s, int 
   const int p = kDegree ? kDegree : degree;
   constexpr std::size_t kParts = kWidth / 4;
   HWY_ALIGN double turned[kOrder + 1][kParts][4 * kLanes];  // four powers of t, point after point
-  const DP dp;
   for (std::size_t i = 0; i < kLanes; ++i)
-    for (std::size_t part = 0; part < kWidth; part += kPowerLanes) {
-      hn::Vec<DP> value[kOrder + 1];
+    for (std::size_t part = 0; part < kWidth; part += kLanes) {
+      V value[kOrder + 1];
       const double* c = cells[i] + part;
-      horner<kOrder>([&](int a) { return hn::Load(dp, c + a * kWidth); }, p, hn::Set(dp, s[i]), value);
+      horner<kOrder>([&](int a) { return hn::Load(d, c + a * kWidth); }, p, hn::Set(d, s[i]), value);
       for (int order = 0; order <= kOrder; ++order)
-        hn::Store(value[order], dp, turned[order][part / 4] + 4 * i + part % 4);
+        hn::Store(value[order], d, turned[order][part / 4] + 4 * i + part % 4);
     }
   V rows[kWidth][kOrder + 1];
   for (int order = 0; order <= kOrder; ++order)
@@ -112,17 +107,6 @@ HWY_INLINE void in_their_cells(const double* const* cells, const double* s, int 
                            rows[b + 3][order]);
     }
   along_t<kOrder, kWidth>([&](int b, int order) { return rows[b][order]; }, t, local);
-}
-
-// Lane by lane one of two.
-template <int kOrder, class Mask>
-HWY_INLINE void choose(Mask first, const Local<kOrder>& a, Local<kOrder>& b) {
-  const auto pick = [&](const auto& from, auto& to) {
-    for (std::size_t k = 0; k < std::size(to); ++k) to[k] = hn::IfThenElse(first, from[k], to[k]);
-  };
-  pick(a.f, b.f);
-  if constexpr (kOrder > 0) pick(a.f_s, b.f_s);
-  if constexpr (kOrder > 1) pick(a.f_ss, b.f_ss);
 }
 
 template <int kOrder, int kWidth, int kDegree>
@@ -152,38 +136,13 @@ void evaluate_all(const RangeBatch& all, const Batch& batch) {
 
     Local<kOrder> local;
     V scale_u, scale_v;
-    const auto within = [&](const RangeBatch::Cell& c) {
-      return hn::And(hn::And(hn::Ge(u, hn::Set(d, c.start_u)), hn::Lt(u, hn::Set(d, c.end_u))),
-                     hn::And(hn::Ge(v, hn::Set(d, c.start_v)), hn::Lt(v, hn::Set(d, c.end_v))));
-    };
-    const auto in_cell = [&](const RangeBatch::Cell& c, Local<kOrder>& result) {
-      scale_u = hn::Set(d, c.scale_u), scale_v = hn::Set(d, c.scale_v);
-      const V s = local_of(u, hn::Set(d, c.origin_u), scale_u), t = local_of(v, hn::Set(d, c.origin_v), scale_v);
-      in_one_cell<kOrder, kWidth, kDegree>(c.coefficients, p, s, t, result);
-    };
-    const auto inside = within(cell);
-    const auto here = [&] {  // a line that has just gone on to the next cell, or lies along its edge
-      const RangeBatch::Cell before = cell;
-      HWY_ALIGN double lane_u[kLanes];
-      hn::Store(u, d, lane_u);
-      const std::size_t outside = hn::FindKnownFirstTrue(d, hn::Not(inside));
-      cell = all.cell_at(lane_u[outside], from_v[outside]);
-      if (!hn::AllTrue(d, hn::Or(inside, within(cell)))) return false;
-      if (hn::AllFalse(d, inside)) {
-        in_cell(cell, local);
-        return true;
-      }
-      Local<kOrder> other;
-      in_cell(before, other);
-      const V other_u = scale_u, other_v = scale_v;
-      in_cell(cell, local);
-      choose<kOrder>(inside, other, local);
-      scale_u = hn::IfThenElse(inside, other_u, scale_u), scale_v = hn::IfThenElse(inside, other_v, scale_v);
-      return true;
-    };
-    if (HWY_LIKELY(hn::AllTrue(d, inside))) {
-      in_cell(cell, local);
-    } else if (!here()) {
+    const auto inside = hn::And(hn::And(hn::Ge(u, hn::Set(d, cell.start_u)), hn::Lt(u, hn::Set(d, cell.end_u))),
+                                hn::And(hn::Ge(v, hn::Set(d, cell.start_v)), hn::Lt(v, hn::Set(d, cell.end_v))));
+    if (hn::AllTrue(d, inside)) {
+      scale_u = hn::Set(d, cell.scale_u), scale_v = hn::Set(d, cell.scale_v);
+      const V s = local_of(u, hn::Set(d, cell.origin_u), scale_u), t = local_of(v, hn::Set(d, cell.origin_v), scale_v);
+      in_one_cell<kOrder, kWidth, kDegree>(cell.coefficients, p, s, t, local);
+    } else {
       HWY_ALIGN double lanes[5][kLanes];  // u; origins and scales
       const double* coefficients[kLanes];
       hn::Store(u, d, lanes[0]);

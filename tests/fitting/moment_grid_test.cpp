@@ -264,33 +264,6 @@ TEST(MomentGrid, EveryInstructionSetOfThisMachineAgrees) {
   });
 }
 
-// Many samples in no order are put in that of their cells, few are not: the same sums, bad ones among them or not.
-TEST(MomentGrid, ManySamplesInNoOrderGiveTheSumsOfFewAtATime) {
-  Samples s = random_samples(50000, 12, -3, 120);
-  for (std::size_t k = 0; k < s.r.size(); k += 97) s.r[k] = k % 2 ? -1 : std::numeric_limits<double>::quiet_NaN();
-  const std::span<const double> r(s.r), theta(s.theta), z(s.z), weight(s.weight);
-  for (const GridSpecification& spec : {GridSpecification{0, 120, 32, 16, 3, 3}, GridSpecification{0, 120, 8, 4, 4, 2},
-                                        GridSpecification{0, 120, 32, 16, 3, 3, BaseArcs::open(0.3, 4)}}) {
-    test::at_every_simd_level([&] {
-      MomentGrid once(spec), bit_by_bit(spec);
-      once.add(r, theta, z, weight);
-      once.add_cartesian(r, theta, z);
-      for (std::size_t first = 0; first < r.size();) {
-        const std::size_t n = std::min<std::size_t>(first % 300 + 1, r.size() - first);
-        bit_by_bit.add(r.subspan(first, n), theta.subspan(first, n), z.subspan(first, n), weight.subspan(first, n));
-        bit_by_bit.add_cartesian(r.subspan(first, n), theta.subspan(first, n), z.subspan(first, n));
-        first += n;
-      }
-      EXPECT_LT(largest_difference(once, bit_by_bit), 1e-13);
-      EXPECT_EQ(once.samples(), bit_by_bit.samples());
-      EXPECT_EQ(once.rejected_on_axis(), bit_by_bit.rejected_on_axis());
-      EXPECT_EQ(once.rejected_not_finite(), bit_by_bit.rejected_not_finite());
-      EXPECT_EQ(once.rejected_outside(), bit_by_bit.rejected_outside());
-      EXPECT_GT(once.rejected_outside(), 0u);
-    });
-  }
-}
-
 TEST(MomentGrid, MemoryIsThatOfTheCellsAlone) {
   MomentGrid grid({0, 120, 32, 16, 3, 3});  // 64 x 32
   const std::size_t before = grid.memory_bytes();
