@@ -131,10 +131,6 @@ std::string contradiction(const FitArguments& arguments) {
        !arguments.turned_over.empty() || !arguments.raised.empty()))
     return "--angles is for one surface over a cylinder or a sphere with plane rims, in one pose; leave out what else "
            "was asked for";
-  if (!arguments.angles.empty() && sphere)
-    for (const std::string& file : arguments.outputs)
-      if (const auto format = result_format_of(file); format == ResultFormat::stl || format == ResultFormat::ply)
-        return "'" + file + "': meshes of a part of the turn are made over a cylinder only; name a .step or .json file";
   if (arguments.rims == "follow") {
     if (arguments.shape != "cylinder") return "--rims follow is for --shape cylinder; leave it out or change the shape";
     if (arguments.known.any() || arguments.partial || !arguments.grid.empty() || !arguments.write_grid.empty() ||

@@ -58,9 +58,12 @@ WallGrid on_columns(const RangeFunction& wall, WallGrid grid, const std::vector<
   return grid.theta_rad == theta ? std::move(grid) : wall_grid(wall, theta, std::move(grid.along));
 }
 
-std::vector<double> even_columns(int count) {
-  std::vector<double> columns(static_cast<std::size_t>(count));
-  for (int j = 0; j < count; ++j) columns[static_cast<std::size_t>(j)] = 2 * std::numbers::pi * j / count;
+// Around a whole turn without its end, which is its start; of a part of it with both ends.
+std::vector<double> even_columns(const BaseArcs& arcs, int count) {
+  std::vector<double> columns(static_cast<std::size_t>(count + (arcs.closed() ? 0 : 1)));
+  const double start = arcs.closed() ? 0 : arcs.start_rad();
+  const double range = arcs.closed() ? 2 * std::numbers::pi : arcs.arc_rad() * arcs.count();
+  for (std::size_t j = 0; j < columns.size(); ++j) columns[j] = start + range * static_cast<double>(j) / count;
   return columns;
 }
 
@@ -105,8 +108,6 @@ std::string one_line(const std::string& text) {
 
 TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_mm) {
   const bool open = pieces.size() == 1 && !pieces.front()->base().arcs.closed();
-  if (open && pieces.front()->base().spherical())
-    throw std::invalid_argument("mesh_of: meshes of a part of the turn are made of walls over a cylinder only");
   if (!(chord_mm > 0) || pieces.empty() ||
       !(open || std::all_of(pieces.begin(), pieces.end(), [](const auto* p) { return p->base().arcs.closed(); }))) {
     throw std::invalid_argument("mesh_of: the chord tolerance must be positive and a body of pieces closed around");
@@ -114,8 +115,9 @@ TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_
   MeshRows body;
   const auto spherical = [](const RangeFunction* piece) { return piece->base().spherical(); };
   if (std::all_of(pieces.begin(), pieces.end(), spherical)) {
-    const SphereGrid grid = sphere_grid(*pieces.front(), even_columns, kFewestColumns, chord_mm);
-    body.rows = grid.rows;
+    const BaseArcs& arcs = pieces.front()->base().arcs;
+    const auto columns = [&](int count) { return even_columns(arcs, count); };
+    body.rows = sphere_grid(*pieces.front(), columns, kFewestColumns, chord_mm).rows;
   } else {
     // Pieces share the columns of all walls, cut as finely as the heads need.
     std::vector<WallGrid> grids;
@@ -149,9 +151,9 @@ TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_
     }
   }
   body.closed = !open;
-  if (open) return mesh_of_rows(body);
-  body.bottom = close(body.rows, *pieces.front(), false);
-  body.top = close(body.rows, *pieces.back(), true);
+  // A sheet ends in poles alone.
+  if (!open || has_pole(*pieces.front(), false)) body.bottom = close(body.rows, *pieces.front(), false);
+  if (!open || has_pole(*pieces.back(), true)) body.top = close(body.rows, *pieces.back(), true);
   return mesh_of_rows(body);
 }
 

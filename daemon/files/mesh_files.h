@@ -12,7 +12,7 @@ namespace celadon {
 
 class RangeFunction;
 
-/// Closed, consistently oriented outward; shared vertices.
+/// Consistently oriented outward, vertices shared: closed, or the sheet of a part of the turn.
 struct TriangleMesh {
   std::vector<Eigen::Vector3d> vertices_mm;
   std::vector<std::array<std::uint32_t, 3>> triangles;
@@ -21,8 +21,9 @@ struct TriangleMesh {
 /// The body of pieces that share their rims, bottom to top, and a cap on each end that is no pole: a plane disc, over a
 /// sphere a fan. No point of a wall over a cylinder is further than chord_mm from the mesh: grid lines follow bounds on
 /// the second derivatives of the range function, and every cell is proved; over a sphere every triangle has been
-/// compared with the surface (README.md, "Meshes").
-/// @pre chord_mm > 0, ranges closed around the axis and positive, at most one over a cylinder
+/// compared with the surface (README.md, "Meshes"). A single piece over a part of the turn becomes a sheet without
+/// caps.
+/// @pre chord_mm > 0, ranges positive, closed around the axis if there are several
 /// @throws std::length_error if more than 100 million triangles would be needed
 TriangleMesh mesh_of(std::span<const RangeFunction* const> pieces, double chord_mm);
 TriangleMesh mesh_of(const RangeFunction& range, double chord_mm);

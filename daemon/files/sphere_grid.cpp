@@ -16,19 +16,20 @@ constexpr std::size_t kLargestGrid = 50'000'000;
 /// Rows of points in the base frame, from above to below; a pole's row holds one point as often as others hold theirs.
 struct PointGrid {
   int rows = 0, columns = 0;  ///< intervals along and around
+  int in_row = 0;             ///< points: of a part of the turn one more than intervals
   std::vector<Eigen::Vector3d> p_B;
   const Eigen::Vector3d& at(int i, int j) const {
-    return p_B[static_cast<std::size_t>(i) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(j % columns)];
+    return p_B[static_cast<std::size_t>(i) * static_cast<std::size_t>(in_row) + static_cast<std::size_t>(j % in_row)];
   }
 };
 
 PointGrid points_of(const RangeFunction& range, int rows, const std::vector<double>& theta) {
-  const int columns = static_cast<int>(theta.size());
+  const int in_row = static_cast<int>(theta.size()), columns = in_row - (range.base().arcs.closed() ? 0 : 1);
   if (static_cast<double>(rows) * columns > static_cast<double>(kLargestGrid))
     throw std::length_error("mesh_of: the chord tolerance asks for more than 100 million triangles; take a larger one");
   const BaseSurface& base = range.base();
   const BaseArcs& meridian = BaseSurface::meridian();
-  PointGrid grid{rows, columns, {}};
+  PointGrid grid{rows, columns, in_row, {}};
   std::vector<double> along(theta.size()), rho(theta.size());
   const double first = meridian.theta_of_v(base.band_start), last = meridian.theta_of_v(base.band_end);
   for (int i = 0; i <= rows; ++i) {
@@ -112,7 +113,7 @@ SphereGrid sphere_grid(const RangeFunction& range, const std::function<std::vect
   SphereGrid result{fineness, {}};
   for (int i = grid.rows; i >= 0; --i) {
     auto& row = result.rows.emplace_back();
-    for (int j = 0; j < grid.columns; ++j) row.push_back(range.base().X_WB * grid.at(i, j));
+    for (int j = 0; j < grid.in_row; ++j) row.push_back(range.base().X_WB * grid.at(i, j));
   }
   return result;
 }

@@ -17,7 +17,8 @@ struct SphereGrid {
 
 /// Rows of even angles and columns of constant theta until every triangle is within chord_mm of the surface along rays
 /// through the middles of its edges and its own, the diagonal being that from the lower start to the upper end.
-/// @param columns_of angles, ascending from 0, at a fineness; more of it gives more of them
+/// @param columns_of angles, ascending, at a fineness; more of it gives more of them. Around a whole turn from 0 and
+/// without its end, else with both ends of the range
 /// @param fineness to begin with
 /// @throws as mesh_of
 SphereGrid sphere_grid(const RangeFunction& range, const std::function<std::vector<double>(int)>& columns_of,

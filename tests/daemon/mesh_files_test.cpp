@@ -192,6 +192,66 @@ TEST(MeshFiles, BodiesOverASphereAreClosedAndWithinTheirTolerance) {
   EXPECT_NEAR(triangles_of(mesh_of(ball, 0.005)).volume() / (4.0 / 3 * pi * 25 * 25 * 25), 1, 1e-3);
 }
 
+// Part of a ball's turn, with both poles, one and none: points, area and chords in closed form.
+TEST(MeshFiles, APartOfTheTurnOfABallIsASheet) {
+  constexpr double kRadius = 25, kChord = 0.01, kStart = 5.2, kRange = 2;
+  const BaseArcs& meridian = BaseSurface::meridian();
+  for (const auto& [start, end] :
+       {std::pair{0.0, 2.0}, std::pair{0.0, 1.2}, std::pair{0.7, 2.0}, std::pair{0.4, 1.5}}) {
+    BaseSurface base;
+    base.kind = BaseKind::sphere;
+    base.arcs = BaseArcs::open(kStart, kRange);
+    base.band_start = start, base.band_end = end;
+    base.X_WB.translation() << 3, -4, 7;
+    const RangeFunction ball(base, 0, 0, {start, end}, {0, 2}, Eigen::MatrixXd::Constant(1, 1, kRadius));
+    const Triangles triangles = triangles_of(mesh_of(ball, kChord));
+    EXPECT_FALSE(triangles.watertight());
+    EXPECT_EQ(triangles.euler_characteristic(), 1);
+    EXPECT_LE(triangles.faces.size(), 30000u);
+    for (const Eigen::Vector3d& p : triangles.vertices) {
+      const Eigen::Vector3d at = p - base.X_WB.translation();
+      EXPECT_NEAR(at.norm(), kRadius, 1e-12);
+      if (at.head<2>().norm() < 1e-9) continue;
+      EXPECT_LE(std::abs(std::remainder(std::atan2(at.y(), at.x()) - kStart - kRange / 2, 2 * pi)), kRange / 2 + 1e-12);
+    }
+    double area = 0;
+    for (const auto& face : triangles.faces) {
+      const Eigen::Vector3d a = triangles.vertices[face[0]], b = triangles.vertices[face[1]],
+                            c = triangles.vertices[face[2]], normal = (b - a).cross(c - a),
+                            middle = (a + b + c) / 3 - base.X_WB.translation();
+      EXPECT_GT(normal.dot(middle), 0);
+      EXPECT_GT(middle.norm(), kRadius - kChord);
+      area += normal.norm() / 2;
+    }
+    const double expected =
+        kRadius * kRadius * kRange * (std::cos(meridian.theta_of_v(start)) - std::cos(meridian.theta_of_v(end)));
+    EXPECT_NEAR(area / expected, 1, 2 * kChord / kRadius);
+  }
+}
+
+// With lobes: against points of the exact surface.
+TEST(MeshFiles, APartOfTheTurnOfALobedBallIsWithinItsTolerance) {
+  BaseSurface base;
+  base.kind = BaseKind::sphere;
+  base.arcs = BaseArcs::open(5.2, 2);
+  base.band_end = 1.4;
+  Eigen::MatrixXd f = Eigen::MatrixXd::Constant(5, 5, 25);
+  f.row(2) << 26, 24, 23, 26, 25;
+  f.row(4) << 24, 26, 25, 24, 26;
+  const RangeFunction range(base, 3, 3, {0, 0, 0, 0, 0.7, 1.4, 1.4, 1.4, 1.4}, {0, 0, 0, 0, 1, 2, 2, 2, 2}, f);
+  const NurbsSurface surface = symbolic_product(range);
+  for (const double chord_mm : {0.2, 0.03}) {
+    const Triangles triangles = triangles_of(mesh_of(range, chord_mm));
+    EXPECT_EQ(triangles.euler_characteristic(), 1);
+    double worst = 0;
+    for (int i = 0; i <= 24; ++i)
+      for (int j = 0; j <= 48; ++j)
+        worst = std::max(worst, triangles.distance(surface.evaluate(1.4 * i / 24.0, 2 * j / 48.0)));
+    EXPECT_LE(worst, chord_mm);
+    EXPECT_GT(worst, 0.05 * chord_mm);
+  }
+}
+
 // A lobed wall under a dome with its rim, over an open bottom: against points of both exact surfaces.
 TEST(MeshFiles, PiecesShareTheirRims) {
   const ClosedWall wall = testing::lobed(3, 6, 3, 50);

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -10,6 +11,7 @@
 #include <random>
 #include <string>
 
+#include "tests/daemon/triangle_reader.h"
 #include "tests/integration/process.h"
 
 namespace celadon::testing {
@@ -212,7 +214,9 @@ TEST(FitParts, NotesAreNotRepeated) {
   EXPECT_EQ(outcome.out.find(said, first + 1), std::string::npos) << outcome.out;
 }
 
-TEST(FitParts, MeshesOfAPartOfASphereAreRefusedBeforeTheFit) {
+// 57 degrees of a ball, from 29 to 115 degrees below its pole: a sheet with the area of the closed form, a shell of one
+// face.
+TEST(FitParts, APartOfASphere) {
   std::mt19937 random(5);
   std::uniform_real_distribution<double> share(0, 1);
   std::string native = "rho,phi,theta\n";
@@ -223,12 +227,19 @@ TEST(FitParts, MeshesOfAPartOfASphereAreRefusedBeforeTheFit) {
   }
   const TemporaryFolder folder;
   const std::string file = folder.write("ball.csv", native);
-  const auto mesh = run({"celadon", "fit", file, "--shape", "sphere", "--angles", "auto", "-o", folder / "b.stl"});
-  EXPECT_EQ(mesh.exit_code, 2);
-  EXPECT_NE(mesh.err.find("made over a cylinder only"), std::string::npos) << mesh.err;
-  const auto shell = run({"celadon", "fit", file, "--shape", "sphere", "--angles", "auto", "-o", folder / "b.step"});
+  const auto shell = run({"celadon", "fit", file, "--shape", "sphere", "--angles", "auto", "-o", folder / "b.step",
+                          folder / "b.stl", folder / "b.ply"});
   ASSERT_EQ(shell.exit_code, 0) << shell.err;
   EXPECT_NE(shell.out.find("shell       valid"), std::string::npos) << shell.out;
+  const Triangles stl = read_stl(read_file(folder / "b.stl")), ply = read_ply_triangles(read_file(folder / "b.ply"));
+  EXPECT_EQ(stl.faces.size(), ply.faces.size());
+  EXPECT_EQ(stl.euler_characteristic(), 1);
+  double area = 0;
+  for (const auto& face : ply.faces) {
+    const Eigen::Vector3d a = ply.vertices[face[0]], b = ply.vertices[face[1]], c = ply.vertices[face[2]];
+    area += (b - a).cross(c - a).norm() / 2;
+  }
+  EXPECT_NEAR(area / (25 * 25 * (std::cos(0.5) - std::cos(2.0))), 1, 0.01);
 }
 
 }  // namespace
