@@ -53,9 +53,10 @@ file(CONFIGURE OUTPUT "${PROJECT_BINARY_DIR}/generated/tests/build_paths.h" CONT
 #define CELADON_SOURCE_DIR "@PROJECT_SOURCE_DIR@"
 ]] @ONLY)
 
-# celadon_test(NAME SOURCES ... LINK ... [LABELS ...]) makes a GoogleTest program and registers each of its tests.
+# celadon_test(NAME SOURCES ... LINK ... [LABELS ...] [UNITY]) makes a GoogleTest program and registers each of its tests. UNITY:
+# its sources share no name, and may be compiled together where libraries are.
 function(celadon_test name)
-  cmake_parse_arguments(arg "" "TIMEOUT" "SOURCES;LINK;LABELS" ${ARGN})
+  cmake_parse_arguments(arg "UNITY" "TIMEOUT" "SOURCES;LINK;LABELS" ${ARGN})
   if(NOT arg_TIMEOUT)
     set(arg_TIMEOUT 300)
   endif()
@@ -65,6 +66,9 @@ function(celadon_test name)
   # Test programs spend their time in the libraries: compiling them fast is worth more than running them fast.
   target_compile_options(${name} PRIVATE -O1)
   target_precompile_headers(${name} REUSE_FROM celadon_test_headers)
+  if(NOT arg_UNITY)
+    set_target_properties(${name} PROPERTIES UNITY_BUILD OFF)  # tests may name alike what is alike
+  endif()
   target_include_directories(${name} PRIVATE "${PROJECT_BINARY_DIR}/generated")
   if("threads" IN_LIST arg_LABELS)
     add_dependencies(tsan_tests ${name})

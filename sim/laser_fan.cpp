@@ -14,8 +14,8 @@ using Eigen::Vector3d;
 constexpr auto kMiddlePlace = static_cast<std::size_t>(kAcross / 2);
 constexpr double kNeighbours_px = 6;  // rays of a smooth surface that are further apart get others in between
 constexpr double kTouching_px = 0.05;
-constexpr double kLowest_mm = -60, kHighest_mm = 180;  // of a fan that lights more than the camera sees
-constexpr int kDeepest = 9;                            // halvings of the fan's step: 0.5 micrometres
+constexpr double kFanLowest_mm = -60, kFanHighest_mm = 180;  // of a fan that lights more than the camera sees
+constexpr int kDeepest = 9;                                  // halvings of the fan's step: 0.5 micrometres
 
 double apart_px(const Beam& a, const Beam& b) {
   return std::hypot(a.x_px - b.x_px, a.y_px - b.y_px);
@@ -41,8 +41,8 @@ LaserFan::LaserFan(const OpticsConfig& config, const LaserSheet& sheet, const Sc
   const Vector3d normal = turned(sheet.normal_W, c, -s);
   double z = -15;
   if (config_.axes.any()) {
-    z = kLowest_mm;
-    top = kHighest_mm;
+    z = kFanLowest_mm;
+    top = kFanHighest_mm;
   }
   while (z < top) {
     Vector3d aim(kAim_mm, 0, z);

@@ -19,13 +19,15 @@ MachineAxes draw_axes(std::uint64_t seed, const Eigen::Isometry3d& X_CW, bool wi
   MachineAxes axes;
   if (with_elevation) {
     const Vector3d along = across_the_view(X_CW), across = along.cross(Vector3d::UnitZ());
-    MachineAxes::Elevation& e = axes.elevation.emplace();
+    axes.elevation = MachineAxes::Elevation();
+    MachineAxes::Elevation& e = *axes.elevation;
     e.origin_S = within(0, 0.4) * across + (kElevationHeight_mm + within(1, 0.5)) * Vector3d::UnitZ();
     e.direction_S = (along + within(2, 0.003) * across + within(3, 0.003) * Vector3d::UnitZ()).normalized();
     e.scale = 1 + within(4, 1e-3);
   }
   if (with_lift) {
-    MachineAxes::Lift& l = axes.lift.emplace();
+    axes.lift = MachineAxes::Lift();
+    MachineAxes::Lift& l = *axes.lift;
     l.direction_S = Vector3d(within(5, 0.002), within(6, 0.002), 1).normalized();
     l.scale = 1 + within(7, 5e-4);
   }

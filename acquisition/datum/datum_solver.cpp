@@ -26,7 +26,7 @@ constexpr Index kRest = 0, kFirstKnot = 1, kFirstMotion = kFirstKnot + kKnots,
                 kFirstTag = kFirstMotion + kParts * kMotion;
 // Before anything is seen. A turn of the camera about the table's axis looks like one of the table: the camera's shift
 // that it takes is the less likely of the two.
-constexpr double kAngle_rad = 0.1, kCameraTurn_rad = 0.02, kCameraShift_mm = 1;
+constexpr double kAngle_rad = 1, kCameraTurn_rad = 0.02, kCameraShift_mm = 0.2;
 constexpr double kSmallestTag_mm = 0.005;
 constexpr int kRounds = 5;
 

@@ -22,6 +22,7 @@ constexpr double kConverged_px = 0.03, kLargestStep_px = 3;
 constexpr int kMostSteps = 6;
 constexpr double kLeastContrast = 8;       // in its standard deviations
 constexpr double kLeastCorrelation = 0.3;  // of a search, which has many tries
+constexpr double kOfStrongest = 0.5;
 constexpr double kQuarterShare = 0.5, kQuarterSigmas = 3;
 constexpr std::array<std::array<double, 2>, 4> kTagCorners{{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}}};
 
@@ -175,16 +176,19 @@ std::optional<TagSighting> RimTagTracker::align(std::size_t tag, const Place& pl
     const double contrast = s[1], variance = std::max((square - s.dot(b)) / (n - 4), 1. / 12);
     const Eigen::Matrix4d C = variance * solver.solve(Eigen::Matrix4d::Identity());
     if (!(contrast > kLeastContrast * std::sqrt(C(1, 1)))) return std::nullopt;
+    const bool weak = contrast < kOfStrongest * strongest_;
     const Vector2d by = s.tail<2>() / contrast;
     if (!(by.norm() <= kLargestStep_px)) return std::nullopt;
     shift += by;
     if (by.norm() > kConverged_px) continue;
+    if (weak) return std::nullopt;
     for (const auto& [count, w, ww, I, wI] : quarter) {
       const double spread = ww - w * w / std::max(count, 1.);
       if (!(spread > 0)) return std::nullopt;
       const double of_quarter = (wI - w * I / count) / spread;
       if (of_quarter < kQuarterShare * contrast - kQuarterSigmas * std::sqrt(variance / spread)) return std::nullopt;
     }
+    strongest_ = std::max(strongest_, contrast);
     TagSighting out{tag, place.angle_rad, shift, {}};
     out.information = (C.bottomRightCorner<2, 2>() / (contrast * contrast)).inverse();
     return out;

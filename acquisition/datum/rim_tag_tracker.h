@@ -31,7 +31,8 @@ Eigen::Vector3d tag_middle_C(const Calibration& calibration, const RimTag& tag, 
 
 /// Compares what each tag should look like with the picture: level = black + contrast * white(x - shift), least squares
 /// by Gauss and Newton over the tag's pixels. Room light has to be seen: contrast over noise decides what is found. A
-/// tag that is hidden, in part too, is none: each of its quarters needs the contrast of the whole.
+/// tag that is hidden, in part too, is none: each of its quarters needs the contrast of the whole, and the whole that of
+/// others: shifted by a cell a print still resembles itself, but less.
 class RimTagTracker {
  public:
   explicit RimTagTracker(const Calibration& calibration);
@@ -66,6 +67,7 @@ class RimTagTracker {
   std::vector<Eigen::Vector2d> last_px_;  ///< shift of each tag where it was last seen
   std::vector<bool> known_;               ///< last_px_ is of the frame before
   std::vector<TagSighting> seen_;
+  double strongest_ = 0;  ///< contrast of all tags so far, levels
   std::size_t frames_ = 0;
   int expected_ = 0;
   Patch patch_;

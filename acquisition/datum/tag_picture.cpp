@@ -16,7 +16,7 @@ namespace {
 std::vector<float> cells_of(int number) {
   const std::unique_ptr<apriltag_family_t, void (*)(apriltag_family_t*)> family{tag36h11_create(), tag36h11_destroy};
   // The library exports nothing that frees its pictures: two blocks of malloc's.
-  image_u8_t* const image = apriltag_to_image(family.get(), static_cast<unsigned>(number));
+  image_u8_t* const image = apriltag_to_image(family.get(), number);
   std::vector<float> cells;
   for (int y = 0; y < 10; ++y) {
     for (int x = 0; x < 10; ++x) cells.push_back(image->buf[y * image->stride + x] > 127 ? 1.f : 0.f);

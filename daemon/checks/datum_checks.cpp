@@ -11,10 +11,10 @@
 namespace celadon {
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;
-constexpr double kSigmas = 4, kCoverage = 2;
+constexpr double kDegreesPerRad = 180 / std::numbers::pi;
+constexpr double kDatumSigmas = 4, kDatumCoverage = 2;
 // Below these the model of lens and tags is no better.
-constexpr double kFinestTurn_deg = 0.02, kFinestAngle_deg = 0.02, kFinestTime_ms = 0.3, kFinestCamera_px = 0.25,
+constexpr double kFinestDatumTurn_deg = 0.02, kFinestAngle_deg = 0.02, kFinestTime_ms = 0.3, kFinestCamera_px = 0.25,
                  kFinestLaser_mm = 0.05;
 constexpr double kLeastSpeed_rad_per_s = 0.01;
 constexpr std::size_t kFewestRows = 10;
@@ -66,18 +66,19 @@ void add_tag_checks(std::vector<SelfCheck>& checks, const DatumEvidence& evidenc
     return;
   }
   const DatumReading& r = *evidence.reading;
-  const double turn_deg = r.turn_error_rad * kDegrees, turn_u = r.turn_sd_rad * kDegrees;
+  const double turn_deg = r.turn_error_rad * kDegreesPerRad, turn_u = r.turn_sd_rad * kDegreesPerRad;
   const double stated_deg = calibration.encoder_scale.u / calibration.encoder_scale.value * 360;
   checks.push_back(of_size(
       "datum_turn", kTurn, turn_deg, turn_u,
-      std::max(std::hypot(kSigmas * turn_u, kCoverage * stated_deg), kFinestTurn_deg),
+      std::max(std::hypot(kDatumSigmas * turn_u, kDatumCoverage * stated_deg), kFinestDatumTurn_deg),
       "how much further than 360 degrees the platter's fiducials turned while the encoder counted them",
       text("the platter turned %.3f degrees for 360 of the encoder: the steps per turn are wrong by %.2f %%, or the "
            "platter slipped on its drive",
            360 + turn_deg, turn_deg / 3.6),
       "set the drive's steps per turn, check coupling and belt, and scan again"));
-  const double wander_deg = r.wander_rad * kDegrees, wander_u = r.wander_sd_rad * kDegrees;
-  checks.push_back(of_size("datum_angle", "deg", wander_deg, wander_u, std::max(kSigmas * wander_u, kFinestAngle_deg),
+  const double wander_deg = r.wander_rad * kDegreesPerRad, wander_u = r.wander_sd_rad * kDegreesPerRad;
+  checks.push_back(of_size("datum_angle", "deg", wander_deg, wander_u,
+                           std::max(kDatumSigmas * wander_u, kFinestAngle_deg),
                            "largest distance of the fiducials' angle from the encoder's, but for what grows evenly",
                            "the platter does not follow the encoder evenly: it slipped or was pushed during the turn, "
                            "or the encoder is mounted off centre",
@@ -93,8 +94,8 @@ void add_tag_checks(std::vector<SelfCheck>& checks, const DatumEvidence& evidenc
     const double ms = sign * *r.start_error_rad / evidence.sweep_rad_per_s * 1e3,
                  u = r.start_sd_rad / evidence.sweep_rad_per_s * 1e3;
     const double stated_ms = calibration.time.stamp_offset_ns.u * 1e-6;
-    const double limit = std::max({std::hypot(kSigmas * u, kCoverage * stated_ms), kFinestTime_ms,
-                                   kFinestAngle_deg / kDegrees / evidence.sweep_rad_per_s * 1e3});
+    const double limit = std::max({std::hypot(kDatumSigmas * u, kDatumCoverage * stated_ms), kFinestTime_ms,
+                                   kFinestAngle_deg / kDegreesPerRad / evidence.sweep_rad_per_s * 1e3});
     checks.push_back(of_size("datum_time", "ms", ms, u, limit,
                              "by how much later than the calibration's time model says frames of the moving table were "
                              "exposed",
@@ -104,12 +105,12 @@ void add_tag_checks(std::vector<SelfCheck>& checks, const DatumEvidence& evidenc
                              "check the drive for play, scan in steps, or calibrate again with this camera mode"));
   }
   checks.push_back(of_size(
-      "datum_camera", "px", r.camera_px, r.camera_sd_px, std::max(kSigmas * r.camera_sd_px, kFinestCamera_px),
+      "datum_camera", "px", r.camera_px, r.camera_sd_px, std::max(kDatumSigmas * r.camera_sd_px, kFinestCamera_px),
       "distance of the platter's picture from where it was calibrated, in the eighth of the turn where it is most",
       r.camera_first_px > 0.5 * r.camera_px
           ? "the camera stands otherwise against the table than when it was calibrated"
           : text("the camera was moved during the scan, before the table had turned by %.0f degrees",
-                 r.camera_at_rad * kDegrees),
+                 r.camera_at_rad * kDegreesPerRad),
       "fasten the camera and calibrate again"));
 }
 
@@ -188,7 +189,8 @@ SelfCheck laser_check(const DatumEvidence& evidence, int laser, const Calibratio
                     "by more");
   }
   const StraightLine seen = straight_through(own->heights);
-  const double limit = std::max(std::hypot(kSigmas * seen.u, kCoverage * calibration.systematic_mm), kFinestLaser_mm);
+  const double limit =
+      std::max(std::hypot(kDatumSigmas * seen.u, kDatumCoverage * calibration.systematic_mm), kFinestLaser_mm);
   return of_size(name, "mm", seen.farthest(), seen.u, limit, "height of the laser's line over the bare platter",
                  text("the laser's line lies %.3f mm over the platter and %.2f mm/m oblique to it: the laser or the "
                       "camera has moved since the calibration, or the platter is another",

@@ -81,8 +81,9 @@ SelfCheck closure(const OverlapResult& overlap, double systematic_mm) {
 SelfCheck closure_scatter(const std::optional<ClosureError>& error, const OverlapResult& overlap, double noise_mm,
                           double kappa) {
   if (!error) return unknown("closure_scatter", "mm", "nothing was seen again after 360 degrees");
-  // The fit's noise would swallow what does not close; that of the first look does not.
-  const double noise = overlap.missing.empty() ? std::min(noise_mm, overlap.noise_mm) : noise_mm;
+  // The fit's noise would swallow what does not close, and is that of its best samples where they are weighted; that of
+  // the first look is neither.
+  const double noise = overlap.missing.empty() ? overlap.noise_mm : noise_mm;
   const double u = error->rms * std::sqrt(kappa / (2 * static_cast<double>(error->samples)));
   return judged("closure_scatter", "mm", error->rms, u, kScatterSigmas * std::numbers::sqrt2 * noise,
                 "root mean square difference of the samples at 360 and 0 degrees",

@@ -48,7 +48,7 @@ Followed follow(RimCamera& camera, const Calibration& calibration, int frames, d
 
 TEST(RimTags, AreWhereTheTruthHasThem) {
   RimCamera camera("empty");
-  const Followed f = follow(camera, camera.truth(), 24);
+  const Followed f = follow(camera, camera.truth(), 12);
   std::printf("%d of %d seen, rms %.4f, stated %.4f, worst %.3f px\n", f.seen, f.expected, f.rms_px, f.stated_px,
               f.worst_px);
   EXPECT_GE(f.seen, 0.95 * f.expected);
@@ -58,10 +58,10 @@ TEST(RimTags, AreWhereTheTruthHasThem) {
 
 TEST(RimTags, AreSeenInTheLightOfAScan) {
   RimCamera camera("cylinder", 1);
-  const Followed f = follow(camera, camera.truth(), 48);
+  const Followed f = follow(camera, camera.truth(), 24);
   std::printf("%d of %d seen, rms %.4f, stated %.4f, worst %.3f px\n", f.seen, f.expected, f.rms_px, f.stated_px,
               f.worst_px);
-  EXPECT_GE(f.seen, 3 * 48);
+  EXPECT_GE(f.seen, 3 * 24);
   EXPECT_LE(f.rms_px, 0.1);
   EXPECT_LE(f.rms_px, 2 * f.stated_px + 0.03);
 }
@@ -69,8 +69,8 @@ TEST(RimTags, AreSeenInTheLightOfAScan) {
 // The object hides those behind it; what is half hidden is not taken for a tag that lies elsewhere.
 TEST(RimTags, BehindAnObjectAreNotMistaken) {
   RimCamera camera("humidifier");
-  const Followed f = follow(camera, camera.truth(), 48);
-  EXPECT_GT(f.seen, 3 * 48);
+  const Followed f = follow(camera, camera.truth(), 16);
+  EXPECT_GT(f.seen, 3 * 16);
   EXPECT_LT(f.seen, f.expected);
   EXPECT_LE(f.worst_px, 0.3);
 }
@@ -97,6 +97,29 @@ TEST(RimTags, AreFoundFarFromTheirPlaces) {
   }
 }
 
+// A table that slips by a cell and a half between two frames: no tag is taken for its neighbour's place.
+TEST(RimTags, AreNotFollowedToAWrongPlaceAfterASlip) {
+  RimCamera camera("cylinder", 1);
+  const Calibration calibration = camera.truth();
+  const Lens lens(calibration.camera_model);
+  const auto project = [&](const Eigen::Vector3d& p) { return lens.project(p.x() / p.z(), p.y() / p.z()); };
+  RimTagTracker tracker(calibration);
+  constexpr double kSlip = 0.035;
+  int seen = 0;
+  for (int k = 0; k < 40; ++k) {
+    const double angle = 0.0236 * k, really = angle - (k < 8 ? 0 : kSlip);
+    for (const TagSighting& tag : tracker.track(camera.mode(), camera.shoot(really, static_cast<std::uint64_t>(k)),
+                                                [&](double) { return angle; })) {
+      const RimTag& rim = calibration.rim_tags[tag.tag];
+      const Eigen::Vector2d expected =
+          project(tag_middle_C(calibration, rim, really)) - project(tag_middle_C(calibration, rim, angle));
+      EXPECT_LE((tag.shift_px - expected).norm(), 0.75) << k << " " << rim.number;
+      ++seen;
+    }
+  }
+  EXPECT_GE(seen, 90);
+}
+
 TEST(RimTags, ABlackPictureShowsNone) {
   RimCamera camera("empty");
   const Calibration calibration = camera.truth();
@@ -111,8 +134,8 @@ TEST(RimSurvey, TellsWhereTheTagsAre) {
   const Calibration truth = camera.truth();
   RimTagFinder finder;
   std::vector<RimView> views;
-  for (int k = 0; k < 24; ++k) {
-    const double angle = kTurn * k / 24;
+  for (int k = 0; k < 18; ++k) {
+    const double angle = kTurn * k / 18;
     views.push_back({angle, finder.find(camera.shoot(angle, static_cast<std::uint64_t>(k)), RimCamera::kWidth,
                                         RimCamera::kHeight)});
   }
