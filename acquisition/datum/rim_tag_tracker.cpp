@@ -63,6 +63,15 @@ RimTagTracker::RimTagTracker(const Calibration& calibration)
   for (const RimTag& tag : calibration.rim_tags) pictures_.emplace_back(tag.number);
 }
 
+Vector2d RimTagTracker::shift_by_angle(std::size_t tag, double angle_rad) const {
+  constexpr double kSmall = 1e-3;
+  const auto at = [&](double angle) {
+    const Vector3d p = tag_middle_C(calibration_, calibration_.rim_tags[tag], angle);
+    return lens_.project(p.x() / p.z(), p.y() / p.z());
+  };
+  return (at(angle_rad + kSmall) - at(angle_rad - kSmall)) / (2 * kSmall);
+}
+
 std::optional<RimTagTracker::Place> RimTagTracker::place(std::size_t tag,
                                                          const std::function<double(double)>& angle_at) const {
   const RimTag& rim_tag = calibration_.rim_tags[tag];
@@ -236,8 +245,20 @@ std::optional<Vector2d> RimTagTracker::search(std::size_t tag, const Place& plac
 
 const std::vector<TagSighting>& RimTagTracker::track(const CameraMode& mode, std::span<const std::uint8_t> bytes,
                                                      const std::function<double(double)>& angle_at) {
-  Vector2d mean = Vector2d::Zero();  // of the frame before: a tag that comes into view will not differ by much
-  for (const TagSighting& sighting : seen_) mean += sighting.shift_px / static_cast<double>(seen_.size());
+  // Of the frame before: how far the table was ahead of its encoder, and what the tags had in common beyond that. A tag
+  // that comes into view will not differ by much.
+  double along = 0, squares = 0;
+  for (const TagSighting& sighting : seen_) {
+    const Vector2d by_angle = shift_by_angle(sighting.tag, sighting.angle_rad);
+    along += by_angle.dot(sighting.shift_px);
+    squares += by_angle.squaredNorm();
+  }
+  const double ahead_rad = squares > 0 ? along / squares : 0;
+  Vector2d mean = Vector2d::Zero();
+  for (const TagSighting& sighting : seen_) {
+    mean += (sighting.shift_px - ahead_rad * shift_by_angle(sighting.tag, sighting.angle_rad)) /
+            static_cast<double>(seen_.size());
+  }
   seen_.clear();
   expected_ = 0;
   for (std::size_t tag = 0; tag < pictures_.size(); ++tag) {
@@ -247,7 +268,9 @@ const std::vector<TagSighting>& RimTagTracker::track(const CameraMode& mode, std
       continue;
     }
     ++expected_;
-    auto sighting = align(tag, *at, mode, bytes, known_[tag] ? last_px_[tag] : mean);
+    auto sighting =
+        align(tag, *at, mode, bytes,
+              known_[tag] ? last_px_[tag] : Vector2d(mean + ahead_rad * shift_by_angle(tag, at->angle_rad)));
     // Most that are not seen are hidden behind the object: a search in every frame would cost more than the scan.
     if (!sighting && (frames_ == 0 || (frames_ + tag) % kFramesToSearch == 0)) {
       const auto near = search(tag, *at, mode, bytes);

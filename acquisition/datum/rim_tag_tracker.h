@@ -31,8 +31,8 @@ Eigen::Vector3d tag_middle_C(const Calibration& calibration, const RimTag& tag, 
 
 /// Compares what each tag should look like with the picture: level = black + contrast * white(x - shift), least squares
 /// by Gauss and Newton over the tag's pixels. Room light has to be seen: contrast over noise decides what is found. A
-/// tag that is hidden, in part too, is none: each of its quarters needs the contrast of the whole, and the whole that of
-/// others: shifted by a cell a print still resembles itself, but less.
+/// tag that is hidden, in part too, is none: each of its quarters needs the contrast of the whole, and the whole that
+/// of others: shifted by a cell a print still resembles itself, but less.
 class RimTagTracker {
  public:
   explicit RimTagTracker(const Calibration& calibration);
@@ -54,6 +54,8 @@ class RimTagTracker {
     Eigen::Matrix3d to_tag;  ///< from pixels about the middle to the tag's coordinates
     int half_width_px = 0, half_height_px = 0;
   };
+  /// How far the tag's middle moves in the picture for a radian of the table.
+  Eigen::Vector2d shift_by_angle(std::size_t tag, double angle_rad) const;
   std::optional<Place> place(std::size_t tag, const std::function<double(double)>& angle_at) const;
   void fill(std::size_t tag, const Place& place, const Eigen::Vector2d& shift_px, Patch& patch) const;
   std::optional<TagSighting> align(std::size_t tag, const Place& place, const CameraMode& mode,
