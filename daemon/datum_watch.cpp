@@ -13,6 +13,7 @@ constexpr double kBeyondObject_mm = 3;
 constexpr double kLargestRadius_mm = 511;  // of those that are told apart
 constexpr double kStrays = 1e-3;           // share of the samples
 constexpr std::size_t kEnoughTags = 3;
+constexpr double kSmallestRunUp_rad = 1e-6;
 
 /// The calibration as if its head always stood like that, and the table so high: z = 0 is the platter there, too.
 Calibration standing_at(Calibration calibration, const AxisStop& stop) {
@@ -44,9 +45,7 @@ DatumWatch::~DatumWatch() = default;
 void DatumWatch::at_rest(std::span<const std::uint8_t> picture, double encoder_rad) {
   if (!tracker_ || picture.empty()) return;
   const double angle = calibration_.direction * calibration_.encoder_scale.value * encoder_rad;
-  for (const TagSighting& tag : tracker_->track(mode_, picture, [&](double) { return angle; })) {
-    sightings_.push_back({tag, -1});
-  }
+  at_rest_ = tracker_->track(mode_, picture, [&](double) { return angle; });
 }
 
 void DatumWatch::see(std::span<const std::uint8_t> picture, const std::function<double(double)>& encoder_at,
@@ -79,13 +78,26 @@ double DatumWatch::object_radius_mm() const {
   return 0;
 }
 
+std::vector<DatumSighting> DatumWatch::all_sightings() const {
+  std::vector<DatumSighting> all;
+  if (!sightings_.empty()) {
+    const DatumSighting& first = sightings_.front();
+    for (const TagSighting& tag : at_rest_) {
+      const double before_rad = std::abs(first.tag.angle_rad - at_rest_.front().angle_rad);
+      all.push_back({tag, std::min(first.turned_rad - before_rad, -kSmallestRunUp_rad)});
+    }
+  }
+  all.insert(all.end(), sightings_.begin(), sightings_.end());
+  return all;
+}
+
 DatumEvidence DatumWatch::result() const {
   DatumEvidence out;
   out.has_tags = tracker_ != nullptr;
   out.frames = frames_;
   out.frames_with_tags = frames_with_tags_;
   out.sweep_rad_per_s = speed_rad_per_s_;
-  if (tracker_) out.reading = read_datum(calibration_, sightings_);
+  if (tracker_) out.reading = read_datum(calibration_, all_sightings());
   const double beyond_mm = object_radius_mm() + kBeyondObject_mm;
   for (const Watched& watched : lines_) {
     out.lines.push_back(

@@ -53,11 +53,13 @@ class DatumWatch {
  private:
   /// Radius within which all but one in a thousand of the object's samples lie.
   double object_radius_mm() const;
+  std::vector<DatumSighting> all_sightings() const;
 
   const Calibration calibration_;
   const CameraMode mode_;
   std::unique_ptr<RimTagTracker> tracker_;  ///< none without fiducials
-  std::vector<DatumSighting> sightings_;
+  std::vector<TagSighting> at_rest_;
+  std::vector<DatumSighting> sightings_;  ///< of the turn
   int frames_ = 0, frames_with_tags_ = 0;
   double speed_rad_per_s_ = 0;
   struct Watched {

@@ -13,16 +13,16 @@ namespace celadon {
 /// One tag in one frame of a scan.
 struct DatumSighting {
   TagSighting tag;
-  double turned_rad = 0;  ///< since the start of the turn; of a frame before it: negative
+  double turned_rad = 0;  ///< since the start of the turn; of a frame before it: negative, by how far it is away. One a
+                          ///< frame
 };
 
 struct DatumReading {
   int sightings = 0, tags = 0;
   double residual_px = 0;  ///< standard deviation of a coordinate about what is stated below, by the median
-  /// How much further than the encoder says the table had turned, from the index on, at kKnots places of the turn from
-  /// 0 to 2 pi.
+  /// How much further than the encoder says the table had turned, mean over each 64th of the turn.
   struct Angle {
-    double turned_rad = 0, error_rad = 0, sd_rad = 0;
+    double turned_rad = 0, error_rad = 0;
   };
   std::vector<Angle> angles;
   double turn_error_rad = 0, turn_sd_rad = 0;  ///< of the end of the turn against its beginning
@@ -37,8 +37,8 @@ struct DatumReading {
   double camera_first_px = 0;  ///< of the first eighth
 };
 
-/// Least squares over all sightings, those far off reweighted; nullopt: too few to say anything (three tags, in half of
-/// the eighths of the turn).
+/// Least squares over all sightings (frame after frame), those far off reweighted; nullopt: too few to say anything
+/// (three tags, in half of the eighths of the turn).
 std::optional<DatumReading> read_datum(const Calibration& calibration, std::span<const DatumSighting> sightings);
 
 }  // namespace celadon

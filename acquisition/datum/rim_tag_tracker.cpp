@@ -72,8 +72,8 @@ Vector2d RimTagTracker::shift_by_angle(std::size_t tag, double angle_rad) const 
   return (at(angle_rad + kSmall) - at(angle_rad - kSmall)) / (2 * kSmall);
 }
 
-std::optional<RimTagTracker::Place> RimTagTracker::place(std::size_t tag,
-                                                         const std::function<double(double)>& angle_at) const {
+std::optional<RimTagTracker::Place> RimTagTracker::place(std::size_t tag, const std::function<double(double)>& angle_at,
+                                                         double ahead_rad) const {
   const RimTag& rim_tag = calibration_.rim_tags[tag];
   const int width = calibration_.camera_model.width_px, height = calibration_.camera_model.height_px;
   const auto project = [&](const Vector3d& p_C) -> std::optional<Vector2d> {
@@ -84,15 +84,17 @@ std::optional<RimTagTracker::Place> RimTagTracker::place(std::size_t tag,
   double row = 0.5 * height;
   for (int round = 0; round < 2; ++round) {  // the row tells the instant, that the angle, that the row
     out.angle_rad = angle_at(row);
-    const auto middle = project(tag_middle_C(calibration_, rim_tag, out.angle_rad));
-    if (!middle) return std::nullopt;
+    const auto expected = project(tag_middle_C(calibration_, rim_tag, out.angle_rad)),
+               middle = project(tag_middle_C(calibration_, rim_tag, out.angle_rad + ahead_rad));
+    if (!expected || !middle) return std::nullopt;
+    out.expected_px = *expected;
     out.middle_px = *middle;
     row = std::clamp(middle->y(), 0., height - 1.);
   }
   std::array<Vector2d, 4> at, in_tag;
   for (std::size_t k = 0; k < 4; ++k) {
-    const auto corner =
-        project(calibration_.axis.X_CW * (turned(rim_tag.corners_mm[k], out.angle_rad) / calibration_.scale.value));
+    const auto corner = project(calibration_.axis.X_CW *
+                                (turned(rim_tag.corners_mm[k], out.angle_rad + ahead_rad) / calibration_.scale.value));
     if (!corner) return std::nullopt;
     at[k] = *corner - out.middle_px;
     in_tag[k] = Vector2d(kCornersAt * kTagCorners[k][0], kCornersAt * kTagCorners[k][1]);
@@ -198,7 +200,7 @@ std::optional<TagSighting> RimTagTracker::align(std::size_t tag, const Place& pl
       if (of_quarter < kQuarterShare * contrast - kQuarterSigmas * std::sqrt(variance / spread)) return std::nullopt;
     }
     strongest_ = std::max(strongest_, contrast);
-    TagSighting out{tag, place.angle_rad, shift, {}};
+    TagSighting out{tag, place.angle_rad, place.middle_px + shift - place.expected_px, {}};
     out.information = (C.bottomRightCorner<2, 2>() / (contrast * contrast)).inverse();
     return out;
   }
@@ -262,15 +264,14 @@ const std::vector<TagSighting>& RimTagTracker::track(const CameraMode& mode, std
   seen_.clear();
   expected_ = 0;
   for (std::size_t tag = 0; tag < pictures_.size(); ++tag) {
-    const auto at = place(tag, angle_at);
+    const auto at = place(tag, angle_at, ahead_rad);
     if (!at) {
       known_[tag] = false;
       continue;
     }
     ++expected_;
-    auto sighting =
-        align(tag, *at, mode, bytes,
-              known_[tag] ? last_px_[tag] : Vector2d(mean + ahead_rad * shift_by_angle(tag, at->angle_rad)));
+    const Vector2d start = known_[tag] ? Vector2d(last_px_[tag] + at->expected_px - at->middle_px) : mean;
+    auto sighting = align(tag, *at, mode, bytes, start);
     // Most that are not seen are hidden behind the object: a search in every frame would cost more than the scan.
     if (!sighting && (frames_ == 0 || (frames_ + tag) % kFramesToSearch == 0)) {
       const auto near = search(tag, *at, mode, bytes);

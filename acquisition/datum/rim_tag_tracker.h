@@ -49,14 +49,15 @@ class RimTagTracker {
     int width = 0, height = 0;
   };
   struct Place {
-    double angle_rad = 0;
-    Eigen::Vector2d middle_px;
-    Eigen::Matrix3d to_tag;  ///< from pixels about the middle to the tag's coordinates
+    double angle_rad = 0;         ///< by the encoder
+    Eigen::Vector2d expected_px;  ///< of the tag's middle there
+    Eigen::Vector2d middle_px;    ///< with the table as far ahead as it seems to be
+    Eigen::Matrix3d to_tag;       ///< from pixels about the middle to the tag's coordinates
     int half_width_px = 0, half_height_px = 0;
   };
   /// How far the tag's middle moves in the picture for a radian of the table.
   Eigen::Vector2d shift_by_angle(std::size_t tag, double angle_rad) const;
-  std::optional<Place> place(std::size_t tag, const std::function<double(double)>& angle_at) const;
+  std::optional<Place> place(std::size_t tag, const std::function<double(double)>& angle_at, double ahead_rad) const;
   void fill(std::size_t tag, const Place& place, const Eigen::Vector2d& shift_px, Patch& patch) const;
   std::optional<TagSighting> align(std::size_t tag, const Place& place, const CameraMode& mode,
                                    std::span<const std::uint8_t> bytes, Eigen::Vector2d shift_px);

@@ -16,7 +16,8 @@
 namespace celadon {
 namespace {
 
-constexpr double kTurn = 2 * std::numbers::pi, kNoise_px = 0.08;
+constexpr double kTurn = 2 * std::numbers::pi, kNoise_px = 0.08, kLittleNoise_px = 0.013;
+constexpr double kRunUp = 0.15;
 
 /// What really happens, by how far the table has turned (negative: before the turn).
 struct Disturbed {
@@ -39,14 +40,15 @@ Eigen::Vector2d pixel_of(const Eigen::Vector3d& p) {
           c.fy_px.value * (b * g + p1 * (s + 2 * b * b) + 2 * p2 * a * b) + c.cy_px.value};
 }
 
-std::vector<DatumSighting> seen_of(const Disturbed& really, unsigned seed, double strays = 0) {
+std::vector<DatumSighting> seen_of(const Disturbed& really, unsigned seed, double strays = 0,
+                                   double noise_px = kNoise_px) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal;
   std::uniform_real_distribution<double> share(0, 1);
   std::vector<DatumSighting> out;
   const Calibration& c = machine();
   for (int k = -1; k < 360; ++k) {
-    const double turned = k < 0 ? -1 : kTurn * k / 360, angle = 0.7 + std::max(turned, 0.);
+    const double turned = k < 0 ? -kRunUp : kTurn * k / 360, angle = 0.7 + turned;
     for (std::size_t tag = 0; tag < c.rim_tags.size(); ++tag) {
       Eigen::Vector3d middle = Eigen::Vector3d::Zero();
       for (const auto& corner : c.rim_tags[tag].corners_mm) middle += corner / 4;
@@ -55,9 +57,9 @@ std::vector<DatumSighting> seen_of(const Disturbed& really, unsigned seed, doubl
       };
       if ((Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()) * middle).dot(c.axis.X_CW.inverse().translation()) < 0)
         continue;  // behind the object
-      TagSighting sighting{tag, angle, {}, Eigen::Matrix2d::Identity() / (kNoise_px * kNoise_px)};
+      TagSighting sighting{tag, angle, {}, Eigen::Matrix2d::Identity() / (noise_px * noise_px)};
       sighting.shift_px = pixel_of(really.X_CC(turned) * at(angle + really.table_rad(turned))) - pixel_of(at(angle)) +
-                          kNoise_px * Eigen::Vector2d(normal(random), normal(random));
+                          noise_px * Eigen::Vector2d(normal(random), normal(random));
       if (share(random) < strays) sighting.shift_px += Eigen::Vector2d(5, -4);
       out.push_back({sighting, turned});
     }
@@ -78,11 +80,13 @@ TEST(Datum, ASoundMachineShowsNothing) {
 
 TEST(Datum, TellsWrongSteps) {
   Disturbed really;
-  really.table_rad = [](double turned) { return turned < 0 ? 0 : -0.01 * turned; };
+  really.table_rad = [](double turned) { return -0.01 * (turned + kRunUp); };
   const auto reading = read_datum(machine(), seen_of(really, 2));
   ASSERT_TRUE(reading);
   EXPECT_NEAR(reading->turn_error_rad, -0.01 * kTurn, 4 * reading->turn_sd_rad + 1e-4);
   EXPECT_LE(reading->wander_rad, 1e-3);
+  // Wrong in the run-up, too: no sign of frames that are late.
+  EXPECT_LE(std::abs(*reading->start_error_rad), 4 * reading->start_sd_rad);
   EXPECT_LE(reading->camera_px, 0.3);
 }
 
@@ -93,6 +97,16 @@ TEST(Datum, TellsATableThatSlips) {
   ASSERT_TRUE(reading);
   EXPECT_NEAR(reading->turn_error_rad, -0.035, 4e-4);
   EXPECT_GT(reading->wander_rad, 0.012);
+}
+
+// The better the light, the smaller is what counts as far off; the slip itself must not.
+TEST(Datum, TellsASlipInGoodLight) {
+  Disturbed really;
+  really.table_rad = [](double turned) { return turned > 3.11 ? -0.035 : 0.; };
+  const auto reading = read_datum(machine(), seen_of(really, 7, 0, kLittleNoise_px));
+  ASSERT_TRUE(reading);
+  EXPECT_NEAR(reading->turn_error_rad, -0.035, 2e-4);
+  EXPECT_LE(reading->camera_px, 0.25);
 }
 
 TEST(Datum, TellsFramesThatAreLate) {
