@@ -7,6 +7,9 @@
 
 #include <Eigen/Dense>
 
+#include "daemon/checks/error_harmonics.h"
+#include "daemon/checks/spread.h"
+
 namespace celadon {
 namespace {
 
@@ -115,7 +118,33 @@ std::optional<AgreementError> LaserAgreement::compare(int first, int second) con
   const Eigen::Vector4d fitted = normal.completeOrthogonalDecomposition().solve(right);
   error.shift = std::hypot(fitted(1), fitted(2));
   error.tilt = fitted(3);
+  add_around(seen, error);
   return error;
+}
+
+// Cells of a field scatter by their noise and by what is the surface's: either way that is what its mean is worth.
+void LaserAgreement::add_around(const std::vector<Difference>& seen, AgreementError& error) const {
+  constexpr double kFewestOfField = 4;
+  struct Field {
+    double n = 0, sum = 0, square = 0;
+  };
+  std::vector<Field> fields(static_cast<std::size_t>(around_));
+  for (const Difference& d : seen) {
+    Field& field = fields[static_cast<std::size_t>(d.theta_rad / kWholeTurn_rad * around_)];
+    ++field.n, field.sum += d.mm, field.square += d.mm * d.mm;
+  }
+  std::vector<std::optional<double>> means;
+  std::vector<double> variances;
+  for (const Field& field : fields) {
+    means.emplace_back();
+    if (field.n < kFewestOfField) continue;
+    means.back() = field.sum / field.n;
+    variances.push_back((field.square / field.n - *means.back() * *means.back()) / (field.n - 1));
+  }
+  if (const auto around = closed_around(means)) {
+    error.around = *around;
+    error.around_noise = std::sqrt(median(std::move(variances)));
+  }
 }
 
 std::optional<AgreementError> LaserAgreement::result() const {

@@ -47,6 +47,7 @@ class LaserAgreement {
   std::optional<Difference> difference(const std::vector<Cell>& first, const std::vector<Cell>& second,
                                        std::size_t cell) const;
   std::optional<AgreementError> compare(int first, int second) const;
+  void add_around(const std::vector<Difference>& seen, AgreementError& error) const;
 
   double z_start_mm_, z_end_mm_;
   int around_, along_;

@@ -54,6 +54,10 @@ struct AgreementError {
   double rms = 0, noise = 0;   ///< over cells; what of it the samples' own scatter explains
   double shift = 0, tilt = 0;  ///< parts of it that go like cos(theta - ..), and like the height from -1 to 1
   std::uint64_t cells = 0;
+  /// Its mean over the height in fields of equal angle all around, and what noise makes of one; empty: not seen all
+  /// around.
+  std::vector<double> around{};
+  double around_noise = 0;
 };
 
 /// What became of the frames of a scan.

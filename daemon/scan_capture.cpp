@@ -121,6 +121,7 @@ class Intake {
       tools_.sums.add(profile_.r_mm, profile_.theta_rad, profile_.z_mm);
       tools_.look.add(profile_);
       tools_.agreement.add(profile_);
+      tools_.jitter.add(profile_);
       ++share_.profiles;
       share_.samples += profile_.size();
       running_fit_.offer(tools_.sums);

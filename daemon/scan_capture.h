@@ -13,6 +13,7 @@
 
 #include "acquisition/axis_stop.h"
 #include "acquisition/laser_line.h"
+#include "daemon/checks/profile_jitter.h"
 #include "daemon/datum_watch.h"
 #include "daemon/frame_feed.h"
 #include "daemon/laser_agreement.h"
@@ -51,6 +52,7 @@ struct CaptureTools {
   MomentGrid& sums;
   FirstLook& look;
   LaserAgreement& agreement;
+  ProfileJitter& jitter;
   DatumWatch& datum;
   ScanObserver& observer;
   const LaserTurn* turn = nullptr;  ///< the present one

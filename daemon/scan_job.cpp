@@ -225,6 +225,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   MomentGrid sums(grid_for(task.request, *seen, equipment.volume));
   FirstLook look(sums);
   LaserAgreement agreement(sums.specification(), *lasers, task.request.profiles);
+  ProfileJitter jitter;
   DatumWatch datum(equipment.calibration, equipment.camera.mode(), *lasers, turns.front().stop);
   datum.at_rest(turns.front().seen.background, turns.front().seen.background_at_rad);
   clock.end("prepare");
@@ -236,7 +237,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
                  ? CadWorker::start()
                  : tl::make_unexpected(std::string());
   auto captured =
-      turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, datum, observer}, turns);
+      turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, jitter, datum, observer}, turns);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
@@ -302,9 +303,9 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     auto fit = body->measured.get();
     if (!fit) return fit;
     warnings = fit->whole().warnings;
-    notes.checks =
-        self_checks({*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, notes.agreement_mm,
-                     stops->size() > 1 ? compare_stops(task.log_file, equipment.calibration) : std::nullopt});
+    notes.checks = self_checks(
+        {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, notes.agreement_mm,
+         stops->size() > 1 ? compare_stops(task.log_file, equipment.calibration) : std::nullopt, jitter.result()});
     std::vector<SelfCheck> of_datum = datum_checks(datum.result(), equipment.calibration);
     std::move(of_datum.begin(), of_datum.end(), std::back_inserter(notes.checks));
     notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 
 namespace celadon {
 namespace {
@@ -25,27 +26,29 @@ Harmonic harmonic(const std::vector<double>& around, int k) {
 
 std::optional<std::vector<double>> errors_around(const ErrorMap& map) {
   if (map.empty()) return std::nullopt;
-  std::vector<double> around;
-  std::vector<std::size_t> gaps;
+  std::vector<std::optional<double>> fields;
   for (int j = 0; j < ErrorMap::kAround; ++j) {
     double sum = 0;
     int n = 0;
     for (int i = 0; i < ErrorMap::kAlong; ++i)
       if (const auto mean = map.mean_mm(i, j)) sum += *mean, ++n;
-    if (n == 0) gaps.push_back(around.size());
-    around.push_back(n == 0 ? 0 : sum / n);
+    fields.push_back(n == 0 ? std::nullopt : std::optional(sum / n));
   }
-  if (10 * gaps.size() > around.size()) return std::nullopt;
-  // A gap is what its neighbours say.
-  const std::size_t n = around.size();
-  for (const std::size_t gap : gaps) {
+  return closed_around(fields);
+}
+
+std::optional<std::vector<double>> closed_around(const std::vector<std::optional<double>>& fields) {
+  const std::size_t n = fields.size();
+  const auto gaps = static_cast<std::size_t>(std::count(fields.begin(), fields.end(), std::nullopt));
+  if (10 * gaps > n) return std::nullopt;
+  std::vector<double> around;
+  for (std::size_t at = 0; at < n; ++at) {
     const auto beside = [&](std::size_t step) {
-      std::size_t at = gap;
-      do at = (at + step) % n;
-      while (std::binary_search(gaps.begin(), gaps.end(), at));
-      return around[at];
+      std::size_t k = at;
+      while (!fields[k]) k = (k + step) % n;
+      return *fields[k];
     };
-    around[gap] = 0.5 * (beside(1) + beside(n - 1));
+    around.push_back(0.5 * (beside(1) + beside(n - 1)));
   }
   return around;
 }
@@ -55,14 +58,17 @@ std::array<double, 2> first_harmonics(const std::vector<double>& around) {
   return {std::hypot(h1.c, h1.s), std::hypot(h2.c, h2.s)};
 }
 
-double rms_beyond_harmonics(const std::vector<double>& around) {
+std::vector<double> beyond_harmonics(const std::vector<double>& around) {
   const auto n = static_cast<double>(around.size());
-  double mean = 0, square = 0;
-  for (const double e : around) mean += e / n;
-  for (const double e : around) square += (e - mean) * (e - mean);
-  // By Parseval.
-  for (const double a : first_harmonics(around)) square -= n / 2 * a * a;
-  return std::sqrt(std::max(0., square) / n);
+  const double mean = std::accumulate(around.begin(), around.end(), 0.) / n;
+  const Harmonic first = harmonic(around, 1), second = harmonic(around, 2);
+  std::vector<double> left;
+  for (std::size_t j = 0; j < around.size(); ++j) {
+    const double angle = 2 * std::numbers::pi * (static_cast<double>(j) + 0.5) / n;
+    left.push_back(around[j] - mean - first.c * std::cos(angle) - first.s * std::sin(angle) -
+                   second.c * std::cos(2 * angle) - second.s * std::sin(2 * angle));
+  }
+  return left;
 }
 
 }  // namespace celadon

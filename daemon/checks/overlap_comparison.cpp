@@ -7,6 +7,8 @@
 #include <limits>
 #include <unordered_map>
 
+#include "daemon/checks/spread.h"
+
 namespace celadon {
 namespace {
 
@@ -45,13 +47,6 @@ struct Pair {
   std::size_t profile;
   double angle_rad, r_mm;
 };
-
-double median(std::vector<double> values) {
-  if (values.empty()) return 0;
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 bool seen(double angle_rad) {
   return angle_rad >= 0 && angle_rad <= OverlapComparison::kFirstLook_rad;

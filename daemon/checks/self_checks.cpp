@@ -13,6 +13,7 @@
 #include <variant>
 
 #include "daemon/checks/error_harmonics.h"
+#include "daemon/checks/spread.h"
 #include "daemon/laser_agreement.h"
 #include "daemon/profile_log.h"
 #include "fitting/coefficient_covariance.h"
@@ -171,40 +172,62 @@ void add_harmonics(std::vector<SelfCheck>& checks, const RangeFit& piece, double
                     {}});
 }
 
-SelfCheck steadiness(const RangeFit& piece, bool lasers_differ, double systematic_mm) {
+/// What fields of angle are off by, all around, of a scan that is steady but for noise.
+struct Fields {
+  std::vector<double> off_mm;
+  double noise_mm = 0;
+};
+
+/// Of two turns, what they differ by: whatever the object's shape. Else what the surface misses its samples by; a text
+/// where that is its own.
+std::variant<Fields, std::string> fields_of(const CheckedScan& scan, const RangeFit& piece, bool lasers_differ) {
   constexpr double kMostSeen = 0.95;
+  if (lasers_differ) return "the lasers differ, which would look like shaking";
+  if (scan.agreement && !scan.agreement->around.empty()) {
+    Fields fields{scan.agreement->around, scan.agreement->around_noise / std::numbers::sqrt2};
+    for (double& off : fields.off_mm) off /= std::numbers::sqrt2;
+    return fields;
+  }
   const auto around = errors_around(piece.geometric_errors);
-  if (!around) return unknown("steadiness", "mm", "the samples do not go all around");
+  if (!around) return "the samples do not go all around";
   if (piece.report.coverage < kMostSeen) {
-    return unknown(
-        "steadiness", "mm",
-        "too much of the surface was hidden: beside holes it follows no samples, and its errors are its own");
+    return "too much of the surface was hidden: beside holes it follows no samples, and its errors are its own";
   }
   const bool freeform =
       piece.report.model == SurfaceModel::general || piece.report.model == SurfaceModel::translational;
   if (freeform && piece.report.stopped_by.starts_with("the finest intervals")) {
-    return unknown(
-        "steadiness", "mm",
-        "the surface's intervals are as fine as they get: edges that it cannot follow would look like shaking");
+    return "the surface's intervals are as fine as they get: edges that it cannot follow would look like shaking";
   }
-  if (lasers_differ) return unknown("steadiness", "mm", "the lasers differ, which would look like shaking");
   // Correlation along the line only: what profiles have in common is what is looked for.
   const double kappa = piece.errors ? piece.errors->inflation.within : piece.report.kappa;
   const double per_field = static_cast<double>(samples_of(piece.report)) / ErrorMap::kAround;
-  const double expected = piece.report.noise_mm * std::sqrt(kappa / per_field);
-  // Faster than the fields show: the variance between profiles that the fit found.
-  const double jitter = piece.errors && piece.errors->inflation.rows > 0
-                            ? piece.report.noise_mm *
-                                  std::sqrt(std::max(0., piece.errors->inflation.common) / piece.errors->inflation.rows)
-                            : 0;
-  const double u = expected / std::sqrt(2. * ErrorMap::kAround),
-               value = std::max(rms_beyond_harmonics(*around), jitter);
-  return judged(
-      "steadiness", "mm", value, u, std::hypot(kSigmas * u + expected, kCoverage * systematic_mm),
-      "what the samples of a profile, or of fields of 2 degrees, have in common and the surface does not, root "
-      "mean square",
-      "the object rocks, or camera, laser or table shake while the table turns",
-      "fasten the object, keep the machine away from what shakes it, scan slower or in steps");
+  return Fields{*around, piece.report.noise_mm * std::sqrt(kappa / per_field)};
+}
+
+SelfCheck steadiness(const CheckedScan& scan, const RangeFit& piece, bool lasers_differ) {
+  const auto judge = [&](double value, double noise, double u, const char* note) {
+    return judged("steadiness", "mm", value, u,
+                  std::hypot(kSigmas * u + noise, kCoverage * scan.calibration.systematic_mm), note,
+                  "the object rocks, or camera, laser or table shake while the table turns",
+                  "fasten the object, keep the machine away from what shakes it, scan slower or in steps");
+  };
+  std::optional<SelfCheck> fast;
+  if (scan.jitter) {
+    fast = judge(scan.jitter->mm, scan.jitter->noise_mm, scan.jitter->u_mm,
+                 "what the samples of a profile are off by in common between their neighbours, standard deviation");
+  }
+  if (fast && fast->verdict == CheckVerdict::failed) return *fast;
+  const auto fields = fields_of(scan, piece, lasers_differ);
+  if (const auto* const why = std::get_if<std::string>(&fields)) return unknown("steadiness", "mm", *why);
+  const auto& [off_mm, noise_mm] = std::get<Fields>(fields);
+  // What shakes does so all around; a dent, or edges that the surface cannot follow, are in some places.
+  const std::vector<double> left = beyond_harmonics(off_mm);
+  double square = 0;
+  for (const double off : left) square += off * off / static_cast<double>(left.size());
+  const double value = std::min(std::sqrt(square), robust_deviation(left, 0));
+  SelfCheck slow = judge(value, noise_mm, noise_mm / std::sqrt(2. * static_cast<double>(left.size())),
+                         "what fields of 2 degrees are off by over the whole height, root mean square");
+  return slow.verdict == CheckVerdict::failed || !fast || slow.value > fast->value ? slow : *fast;
 }
 
 /// Mean and scatter of what two lasers differ by; nothing where there is one laser.
@@ -308,7 +331,7 @@ std::vector<SelfCheck> self_checks(const CheckedScan& scan) {
   std::vector<SelfCheck> lasers = laser_checks(scan);
   const bool differ = std::any_of(lasers.begin(), lasers.end(),
                                   [](const SelfCheck& check) { return check.verdict == CheckVerdict::failed; });
-  checks.push_back(steadiness(piece, differ, systematic_mm));
+  checks.push_back(steadiness(scan, piece, differ));
   std::move(lasers.begin(), lasers.end(), std::back_inserter(checks));
   std::vector<SelfCheck> stops = stop_checks(scan);
   std::move(stops.begin(), stops.end(), std::back_inserter(checks));

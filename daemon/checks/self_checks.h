@@ -8,6 +8,7 @@
 #include "acquisition/calibration.h"
 #include "daemon/body_fit.h"
 #include "daemon/checks/overlap_comparison.h"
+#include "daemon/checks/profile_jitter.h"
 #include "daemon/checks/self_check.h"
 #include "daemon/checks/stop_comparison.h"
 #include "daemon/report.h"
@@ -22,6 +23,7 @@ struct CheckedScan {
   std::optional<ClosureError> closure;        ///< as the capture compared it
   std::optional<AgreementError> agreement{};  ///< of two lasers; nullopt: not measured
   std::optional<StopComparison> stops{};      ///< of head and lift; nullopt: there was one
+  std::optional<JitterResult> jitter{};       ///< of the profiles of all turns; nullopt: too few
 };
 
 /// Closure, angle of a turn, harmonics, steadiness, and what lasers and stops differ by, in this order. Limits are four

@@ -16,6 +16,7 @@
 #include "daemon/scan_job.h"
 #include "firmware_bridge/clock.h"
 #include "tests/daemon/fake_machine.h"
+#include "tests/daemon/scan_onlooker.h"
 #include "tests/temporary_folder.h"
 
 namespace celadon {
@@ -25,27 +26,6 @@ using testing::FakeMachine;
 using testing::TemporaryFolder;
 
 constexpr double kDegree = std::numbers::pi / 180;
-
-/// Follows a scan and may interfere.
-class Onlooker final : public ScanObserver {
- public:
-  std::function<void(const ScanProgress&)> at_progress = [](const ScanProgress&) {};
-  std::vector<double> fractions;
-  ScanProgress progress;
-  int cancel_at = 1'000'000;
-
-  void on_state(ScanState) override {}
-  void on_progress(const ScanProgress& now) override {
-    progress = now;
-    fractions.push_back(now.fraction);
-    at_progress(now);
-  }
-  void on_status(const DeviceStatus&) override {}
-  std::optional<std::string> cancelled() override {
-    if (cancel_at-- > 0) return std::nullopt;
-    return "by the test";
-  }
-};
 
 ScanTask task_at(const TemporaryFolder& folder, std::vector<double> elevations_deg, std::vector<double> lifts_mm,
                  const std::string& name = "scan") {
@@ -96,7 +76,7 @@ TEST(ScanAxes, SamplesOfEveryStopLieOnTheObject) {
   FakeMachine machine(0, 0, true);
   const TemporaryFolder folder;
   const ScanTask task = task_at(folder, {0, 25}, {0, 30});
-  Onlooker onlooker;
+  ScanOnlooker onlooker;
   const auto outcome = scan_of(machine, machine.calibration(2), task, onlooker);
   ASSERT_TRUE(outcome) << outcome.error().reason;
   EXPECT_EQ(machine.lasers(), 0);
@@ -156,7 +136,7 @@ TEST(ScanAxes, ARaisedHeadSeesMoreOfTheTopAboutTheCrossing) {
     ScanTask task = task_at(folder, elevations, {});
     task.request.shape = "sphere";
     task.request.profiles = 60;
-    Onlooker onlooker;
+    ScanOnlooker onlooker;
     const Calibration calibration = machine.calibration(2);
     const auto outcome = scan_of(machine, calibration, task, onlooker);
     ASSERT_TRUE(outcome) << outcome.error().reason;
@@ -174,7 +154,7 @@ TEST(ScanAxes, ACalibrationThatTurnsTheHeadWronglyShowsInTheErrors) {
   FakeMachine machine(0, 0, true);
   const TemporaryFolder folder;
   const ScanTask task = task_at(folder, {25}, {});
-  Onlooker onlooker;
+  ScanOnlooker onlooker;
   Calibration wrong = machine.calibration(1);
   wrong.elevation->scale.value *= 1.05;
   const auto outcome = scan_of(machine, wrong, task, onlooker);
@@ -200,7 +180,7 @@ TEST(ScanAxes, AnAxisThatLeftItsCalibrationIsNamed) {
     const TemporaryFolder folder;
     ScanTask task = task_at(folder, {0, 20}, {});
     task.request.profiles = 120;
-    Onlooker onlooker;
+    ScanOnlooker onlooker;
     Calibration calibration = machine.calibration(1);
     calibration.elevation->scale.value *= by;
     const auto outcome = scan_of(machine, calibration, task, onlooker);
@@ -223,7 +203,7 @@ TEST(ScanAxes, AnAxisThatLeftItsCalibrationIsNamed) {
 TEST(ScanAxes, WithoutStopsTheAxesAreBroughtTo0) {
   FakeMachine machine(0, 0, true);
   const TemporaryFolder folder;
-  Onlooker onlooker;
+  ScanOnlooker onlooker;
   const ScanTask away = task_at(folder, {20}, {15}, "away"), task = task_at(folder, {}, {});
   const Calibration calibration = machine.calibration(1);
   ASSERT_TRUE(scan_of(machine, calibration, away, onlooker));
@@ -238,7 +218,7 @@ TEST(ScanAxes, WithoutStopsTheAxesAreBroughtTo0) {
 TEST(ScanAxes, AStopOutOfReachIsRefusedBeforeAnythingMoves) {
   FakeMachine machine(0, 0, true);
   const TemporaryFolder folder;
-  Onlooker onlooker;
+  ScanOnlooker onlooker;
   const ScanTask task = task_at(folder, {0, 161}, {});
   const auto outcome = scan_of(machine, machine.calibration(1), task, onlooker);
   ASSERT_FALSE(outcome);
@@ -256,7 +236,7 @@ TEST(ScanAxes, StoppedInALaterTurnItIsSafeAndKeepsWhatItHas) {
     FakeMachine machine(0, 0, true);
     const TemporaryFolder folder;
     const ScanTask task = task_at(folder, {0, 25}, {});
-    Onlooker onlooker;
+    ScanOnlooker onlooker;
     bool done = false;
     onlooker.at_progress = [&](const ScanProgress& now) {
       if (now.fraction > 0.6 && !done) {
@@ -283,7 +263,7 @@ TEST(ScanAxes, CancelledAtAnyInstantNothingMovesAndNothingShines) {
     FakeMachine machine(0, 0, true);
     const TemporaryFolder folder;
     const ScanTask task = task_at(folder, {0, 20}, {0, 10});
-    Onlooker onlooker;
+    ScanOnlooker onlooker;
     onlooker.cancel_at = instant;
     const auto outcome = scan_of(machine, calibration, task, onlooker);
     ASSERT_EQ(machine.lasers(), 0) << instant;
@@ -304,7 +284,7 @@ TEST(ScanAxes, ARecordingGivesTheSameSamplesOfEachStop) {
   ScanTask task = task_at(folder, {0, 25}, {});
   task.recording_folder = folder / "frames";
   const Calibration calibration = machine.calibration(2);
-  Onlooker onlooker;
+  ScanOnlooker onlooker;
   const auto outcome = scan_of(machine, calibration, task, onlooker);
   ASSERT_TRUE(outcome) << outcome.error().reason;
   auto recording = open_frame_source("replay:" + (folder / "frames").string());

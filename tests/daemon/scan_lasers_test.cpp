@@ -13,6 +13,7 @@
 #include "daemon/profile_log.h"
 #include "firmware_bridge/clock.h"
 #include "tests/daemon/fake_machine.h"
+#include "tests/daemon/scan_onlooker.h"
 #include "tests/temporary_folder.h"
 
 namespace celadon {
@@ -43,27 +44,6 @@ TEST(LasersOf, AllThatAreCalibratedAndThereUnlessSomeAreNamed) {
   EXPECT_EQ(absent.error(), "Laser 1 was asked for, but the machine has lasers 0; leave it out.");
   EXPECT_FALSE(lasers_of({}, both, other));
 }
-
-/// Follows a scan and may interfere.
-class Watcher final : public ScanObserver {
- public:
-  std::function<void(const ScanProgress&)> at_progress = [](const ScanProgress&) {};
-  std::vector<double> fractions;
-  ScanProgress progress;
-  int cancel_at = 1'000'000;
-
-  void on_state(ScanState) override {}
-  void on_progress(const ScanProgress& now) override {
-    progress = now;
-    fractions.push_back(now.fraction);
-    at_progress(now);
-  }
-  void on_status(const DeviceStatus&) override {}
-  std::optional<std::string> cancelled() override {
-    if (cancel_at-- > 0) return std::nullopt;
-    return "by the test";
-  }
-};
 
 ScanTask task_in(const TemporaryFolder& folder, ScanMode mode, const std::string& name = "scan") {
   ScanTask task;
@@ -112,7 +92,7 @@ TEST(ScanLasers, EachHasATurnOfItsOwnAndNeverBothShine) {
     FakeMachine machine;
     const TemporaryFolder folder;
     const ScanTask task = task_in(folder, mode);
-    Watcher watcher;
+    ScanOnlooker watcher;
     const auto outcome = scan_with(machine, machine.calibration(2), task, watcher);
     ASSERT_TRUE(outcome) << outcome.error().reason;
     EXPECT_EQ(machine.lasers(), 0);
@@ -165,7 +145,7 @@ TEST(ScanLasers, OnlyTheOneNamedShines) {
   const TemporaryFolder folder;
   ScanTask task = task_in(folder, ScanMode::sweep);
   task.request.lasers = {1};
-  Watcher watcher;
+  ScanOnlooker watcher;
   const auto outcome = scan_with(machine, machine.calibration(2), task, watcher);
   ASSERT_TRUE(outcome) << outcome.error().reason;
   for (const std::uint16_t mask : masks_of(machine)) EXPECT_TRUE(mask == 0 || mask == 2) << mask;
@@ -178,7 +158,7 @@ TEST(ScanLasers, OneThatIsNotThereIsRefusedBeforeAnythingMoves) {
   ScanTask task = task_in(folder, ScanMode::sweep);
   for (const std::vector<int>& lasers : {std::vector<int>{1}, {0, 3}}) {
     task.request.lasers = lasers;
-    Watcher watcher;
+    ScanOnlooker watcher;
     const auto outcome = scan_with(machine, machine.calibration(1), task, watcher);
     ASSERT_FALSE(outcome);
     EXPECT_NE(outcome.error().reason.find("Laser " + std::to_string(lasers.back()) + " was asked for"),
@@ -199,7 +179,7 @@ TEST(ScanLasers, ATableWithoutEndlessTurnsGoesBack) {
     FakeMachine machine(0, mode == ScanMode::sweep ? 900 : 700);  // one turn ends at 809 and 420 degrees
     const TemporaryFolder folder;
     const ScanTask task = task_in(folder, mode);
-    Watcher watcher;
+    ScanOnlooker watcher;
     const auto outcome = scan_with(machine, machine.calibration(2), task, watcher);
     ASSERT_TRUE(outcome) << outcome.error().reason;
     const auto profiles = profiles_of(task.log_file);
@@ -213,7 +193,7 @@ TEST(ScanLasers, ATableWithoutEndlessTurnsGoesBack) {
 TEST(ScanLasers, ALaserThatStaysOnAfterItsTurnIsToldAndTheOtherIsNotSwitchedOn) {
   FakeMachine machine;
   const TemporaryFolder folder;
-  Watcher watcher;
+  ScanOnlooker watcher;
   watcher.at_progress = [&](const ScanProgress& now) { machine.laser_hidden = now.fraction > 0.2; };
   const ScanTask task = task_in(folder, ScanMode::step);
   const auto outcome = scan_with(machine, machine.calibration(2), task, watcher);
@@ -233,7 +213,7 @@ TEST(ScanLasers, CancelledAtAnyInstantItIsSafeAndKeepsItsLog) {
     FakeMachine machine;
     const TemporaryFolder folder;
     const ScanTask task = task_in(folder, instant % 2 == 0 ? ScanMode::sweep : ScanMode::step);
-    Watcher watcher;
+    ScanOnlooker watcher;
     watcher.cancel_at = instant;
     const auto outcome = scan_with(machine, calibration, task, watcher);
     ASSERT_EQ(machine.lasers(), 0) << instant;
@@ -262,7 +242,7 @@ TEST(ScanLasers, APlaneThatMovedIsNamed) {
     task.request.profiles = 120;
     Calibration calibration = machine.calibration(2);
     calibration.lasers[1].distance_mm += moved_mm;
-    Watcher watcher;
+    ScanOnlooker watcher;
     const auto outcome = scan_with(machine, calibration, task, watcher);
     ASSERT_TRUE(outcome) << outcome.error().reason;
     const auto report = nlohmann::json::parse(testing::read_file(task.results_folder / "report.json"));
@@ -289,7 +269,7 @@ TEST(ScanLasers, ARecordingGivesTheSameSamplesOfEachLaser) {
   ScanTask task = task_in(folder, ScanMode::sweep);
   task.recording_folder = folder / "frames";
   const Calibration calibration = machine.calibration(2);
-  Watcher watcher;
+  ScanOnlooker watcher;
   const auto outcome = scan_with(machine, calibration, task, watcher);
   ASSERT_TRUE(outcome) << outcome.error().reason;
 

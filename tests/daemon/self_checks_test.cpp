@@ -216,6 +216,48 @@ TEST(SelfChecks, RockingIsToldBySteadiness) {
   EXPECT_EQ(named(checked(fit, compared(round_body, {})), "steadiness").verdict, CheckVerdict::failed);
 }
 
+/// What two lasers differ by, mean and root mean square in mm, over 400 cells of noise 0.01 mm.
+AgreementError differing(double bias, double rms) {
+  AgreementError e;
+  e.first = 0;
+  e.second = 1;
+  e.bias = bias;
+  e.bias_sd = 0.001;
+  e.rms = rms;
+  e.noise = 0.01;
+  e.cells = 400;
+  return e;
+}
+
+// A dent, or edges that the surface cannot follow, are in some places; what shakes does so all around.
+TEST(SelfChecks, WhatIsOffInSomePlacesIsNoShaking) {
+  RangeFit fit = round_fit();
+  miss(fit, [](double t) { return std::abs(std::sin(5 * t)) < 0.15 ? 0.3 : 0; });
+  EXPECT_EQ(named(checked(fit, compared(round_body, {})), "steadiness").verdict, CheckVerdict::passed);
+}
+
+std::vector<double> sine_around(double amplitude_mm, int cycles) {
+  std::vector<double> around;
+  for (int j = 0; j < 180; ++j) around.push_back(amplitude_mm * std::sin(2 * kDegree * cycles * (j + 0.5)));
+  return around;
+}
+
+// Two turns differ by what shook, and not by what the surface misses.
+TEST(SelfChecks, TwoTurnsTellShakingWhateverTheSurfaceMisses) {
+  RangeFit fit = round_fit();
+  fit.report.model = SurfaceModel::general;
+  miss(fit, [](double t) { return 0.1 * std::sin(31 * t); });
+  AgreementError turns = differing(0, 0.01);
+  turns.around = sine_around(0, 31);
+  turns.around_noise = 0.002;
+  const OverlapResult overlap = compared(round_body, {});
+  EXPECT_EQ(named(checked(fit, overlap, 0.005, turns), "steadiness").verdict, CheckVerdict::passed);
+  turns.around = sine_around(0.1, 31);
+  const auto shaken = checked(fit, overlap, 0.005, turns);
+  EXPECT_EQ(named(shaken, "steadiness").verdict, CheckVerdict::failed);
+  EXPECT_NEAR(*named(shaken, "steadiness").value, 0.05, 0.002);  // of one turn
+}
+
 TEST(SelfChecks, WhatAnObjectCannotShowIsNotPassed) {
   RangeFit fit = round_fit();
   miss(fit, [](double) { return 0; });
@@ -256,19 +298,6 @@ TEST(SelfChecks, WhatATurnAndAShiftExplainAlikeIsToldAsEither) {
   EXPECT_NE(named(checks, "closure").cause.find("look alike"), std::string::npos) << named(checks, "closure").cause;
   EXPECT_EQ(named(checks, "turn").verdict, CheckVerdict::not_verifiable);
   EXPECT_NE(named(checks, "turn").note.find("look alike"), std::string::npos) << named(checks, "turn").note;
-}
-
-/// What two lasers differ by, mean and root mean square in mm, over 400 cells of noise 0.01 mm.
-AgreementError differing(double bias, double rms) {
-  AgreementError e;
-  e.first = 0;
-  e.second = 1;
-  e.bias = bias;
-  e.bias_sd = 0.001;
-  e.rms = rms;
-  e.noise = 0.01;
-  e.cells = 400;
-  return e;
 }
 
 TEST(SelfChecks, LasersAreJudgedWhereTheyWereCompared) {
