@@ -186,6 +186,18 @@ void read_motion(const toml::table& section, Config& config) {
   }
 }
 
+void read_calibration_limits(const toml::table& section, Config& config) {
+  for (const auto& [name, node] : section) {
+    const std::string key = "calibration_due." + std::string(name.str());
+    const auto value = node.value_exact<std::int64_t>();
+    if (key != "calibration_due.days" && key != "calibration_due.scans")
+      throw Problem{line_of(node) + key + " is not known; [calibration_due] has days and scans."};
+    if (!value || *value < 0 || *value > 1'000'000)
+      throw Problem{line_of(node) + key + " is no whole number from 0 (never) to 1000000."};
+    (key.ends_with("days") ? config.calibration_limits.days : config.calibration_limits.scans) = *value;
+  }
+}
+
 void read_scan(const toml::table& section, Config& config) {
   auto json = nlohmann::json::object();
   for (const auto& [name, node] : section)
@@ -204,6 +216,8 @@ void read_root(const toml::table& root, Config& config) {
       config.camera = text(key, node);
     } else if (key == "calibration") {
       config.calibration = text(key, node);
+    } else if (key == "calibration_due") {
+      read_calibration_limits(table(key, node), config);
     } else if (key == "store") {
       config.store = text(key, node);
     } else if (key == "record") {
@@ -226,7 +240,7 @@ void read_root(const toml::table& root, Config& config) {
       throw Problem{
           line_of(node) + "'" + key +
           "' is not known; the keys are device, camera, calibration, store, record, log_level and the sections "
-          "[button], [drive], [http], [motion], [scan], [volume]."};
+          "[button], [calibration_due], [drive], [http], [motion], [scan], [volume]."};
     }
   }
 }

@@ -48,6 +48,7 @@ struct Config {
   ButtonOptions presses;  ///< without `open`
   ScanRequest scan;       ///< what a press of the button starts; defaults for nothing else
   ScanVolume volume;
+  CalibrationLimits calibration_limits;
 };
 
 struct ConfigError {

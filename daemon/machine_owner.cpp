@@ -2,10 +2,12 @@
 // it is in scan_queue.cpp.
 #include <algorithm>
 #include <cmath>
+#include <ctime>
 #include <numbers>
 
 #include <spdlog/spdlog.h>
 
+#include "daemon/calibration_due.h"
 #include "daemon/scan_lasers.h"
 #include "daemon/scan_queue.h"
 #include "daemon/scan_stops.h"
@@ -215,6 +217,7 @@ void ScanQueue::run(std::uint64_t id) {
     task.log_file = store_.log_file(id);
     task.results_folder = store_.results_folder(id);
     if (!options_.recordings.empty()) task.recording_folder = options_.recordings / std::to_string(id);
+    task.warnings = calibration_due(calibration_, options_.calibration, records_, std::time(nullptr));
   }
   if (host_button_) host_button_->presses().mark();
   const bool simulated = is_simulated(*connection_);

@@ -77,6 +77,7 @@ int serve(const Config& config, const sigset_t& ending) {
   options.button = config.presses;
   if (!config.button.empty()) options.button.open = [url = config.button] { return open_button(url); };
   options.volume = config.volume;
+  options.calibration = config.calibration_limits;
   ScanQueue queue(std::move(*store), *calibration, options, [&] {
     return connect_scanner(config.device, config.camera, *calibration, config.drive, config.motion);
   });
@@ -89,6 +90,7 @@ int serve(const Config& config, const sigset_t& ending) {
   auto server = HttpServer::start(queue, http);
   if (!server) return fail(kSystem, server.error());
 
+  for (const std::string& reason : queue.machine().calibration_due) spdlog::warn("{}", reason);
   std::printf("celadond ready: http://%s:%u%s%s\n", http.address.c_str(), unsigned{(*server)->port()},
               http.unix_socket.empty() ? "" : " unix:", http.unix_socket.c_str());
   std::fflush(stdout);

@@ -181,6 +181,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   ResultNotes notes;
   notes.name = file_stem(task.request.name);
   notes.date = task.date;
+  notes.warnings = task.warnings;
   notes.machine = machine_of(equipment);
   notes.simulated = is_simulated(equipment) || equipment.calibration.simulated;
   notes.calibration = StatedCalibration{equipment.calibration.date, equipment.calibration.systematic_mm,

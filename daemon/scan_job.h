@@ -35,6 +35,7 @@ struct ScanTask {
   std::filesystem::path log_file;               ///< must not exist
   std::filesystem::path results_folder;         ///< must not exist
   std::filesystem::path recording_folder = {};  ///< of the frames, if they shall be kept; must not exist
+  std::vector<std::string> warnings = {};       ///< what is known before the scan and belongs into its report
   bool from_afar = false;  ///< not by the machine's own button: needs its switch, and a warning before anything moves
 };
 

@@ -5,6 +5,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include "daemon/calibration_due.h"
 #include "daemon/scan_lasers.h"
 #include "daemon/scan_stops.h"
 
@@ -35,6 +36,7 @@ ScanQueue::ScanQueue(ScanStore store, Calibration calibration, ScanQueueOptions 
   for (const std::string& problem : problems) spdlog::warn("{}", problem);
   machine_.device_url = options_.device_url;
   machine_.camera_url = options_.camera_url;
+  machine_.calibrated = calibration_.date;
 }
 
 ScanQueue::~ScanQueue() {
@@ -81,7 +83,9 @@ void ScanQueue::tell(std::uint64_t id) {
 
 MachineState ScanQueue::machine() const {
   const MutexLock lock(mutex_);
-  return machine_;
+  MachineState machine = machine_;
+  machine.calibration_due = calibration_due(calibration_, options_.calibration, records_, std::time(nullptr));
+  return machine;
 }
 
 tl::expected<ScanRecord, ServiceError> ScanQueue::submit(const ScanRequest& request, const std::string& requested_by) {

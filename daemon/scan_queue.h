@@ -25,6 +25,7 @@ struct ScanQueueOptions {
   ScanRequest button_request;          ///< what a press starts
   ButtonOptions button = {};
   ScanVolume volume;
+  CalibrationLimits calibration = {};
   std::filesystem::path recordings = {};  ///< folder for the frames of each scan; empty: they are not kept
   std::size_t longest_queue = 100;
   std::chrono::nanoseconds poll_period = std::chrono::milliseconds(50);   ///< idle; real time

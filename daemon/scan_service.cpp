@@ -239,6 +239,8 @@ json to_json(const MachineState& machine) {
           {"remote_enabled", machine.remote_enabled},
           {"found", machine.found},
           {"link", link_json(machine.link)},
+          {"calibrated", machine.calibrated},
+          {"calibration_due", machine.calibration_due},
           {"button", machine.button},
           {"self_test", test ? json{{"passed", test->passed}, {"text", test->text}} : json(nullptr)},
           {"state", to_string(machine.state)},

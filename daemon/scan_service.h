@@ -83,6 +83,11 @@ struct SelfTestResult {
   std::string text;  ///< one sentence: what was seen, or what is wrong and the remedy
 };
 
+/// For how long a calibration is good; 0: however long.
+struct CalibrationLimits {
+  std::int64_t days = 180, scans = 1000;
+};
+
 struct MachineState {
   bool connected = false;
   std::string machine, device_url, camera_url, error;
@@ -93,10 +98,12 @@ struct MachineState {
   AxisTravels travels;
   bool interlock_closed = false, laser_on = false;
   std::string fault;
-  bool remote_enabled = true;  ///< the machine's switch, if it has one, allows a start from afar
-  std::string found;           ///< what was found and left when it was connected
-  LinkState link;              ///< to the controller
-  std::string button;          ///< why the button at the computer cannot be used; empty: it can, or there is none
+  bool remote_enabled = true;                ///< the machine's switch, if it has one, allows a start from afar
+  std::string found;                         ///< what was found and left when it was connected
+  LinkState link;                            ///< to the controller
+  std::string calibrated;                    ///< date of the calibration
+  std::vector<std::string> calibration_due;  ///< why it is to be made again, a sentence each; empty: it is good
+  std::string button;  ///< why the button at the computer cannot be used; empty: it can, or there is none
   std::optional<SelfTestResult> self_test;  ///< the newest since the daemon started
   ScanState state = ScanState::idle;        ///< of the scan that owns the device
   std::uint64_t current_scan = 0;           ///< 0: none

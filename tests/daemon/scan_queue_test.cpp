@@ -307,6 +307,21 @@ TEST(ScanQueue, CorruptFramesAreCountedAndLeftOut) {
   EXPECT_NE(report["warnings"].dump().find("corrupt"), std::string::npos);
 }
 
+TEST(ScanQueue, AnOldCalibrationIsSaidByMachineAndReport) {
+  FakeMachine machine;
+  Calibration calibration = machine.calibration();
+  calibration.date = "2020-02-03";
+  Bench bench(machine, calibration);
+  ASSERT_TRUE(bench.queue->start());
+  const MachineState state = bench.queue->machine();
+  EXPECT_EQ(state.calibrated, "2020-02-03");
+  ASSERT_EQ(state.calibration_due.size(), 1u);
+  ASSERT_TRUE(bench.queue->submit(quick_request(), "api"));
+  const ScanRecord record = bench.wait_for_end();
+  ASSERT_EQ(record.state, ScanState::done) << record.reason;
+  EXPECT_NE(report_of(record)["warnings"].dump().find("The calibration of 2020-02-03 is "), std::string::npos);
+}
+
 TEST(ScanQueue, AnAbsentMachineIsWaitedForAndSaidSo) {
   FakeMachine machine;
   machine.link_down = true;
