@@ -152,6 +152,10 @@ homing = "mark"
 lowest_deg = -10
 highest_deg = 400.5
 jerk_deg_per_s3 = 2000
+
+[calibration_due]
+days = 30
+scans = 0
 )");
   Config config;
   const auto read = read_config(folder / "celadond.toml", config);
@@ -168,6 +172,8 @@ jerk_deg_per_s3 = 2000
   EXPECT_EQ(config.scan.profiles, 720);
   EXPECT_EQ(config.scan.mode, ScanMode::step);
   EXPECT_EQ(config.volume.r_max_mm, 100.5);
+  EXPECT_EQ(config.calibration_limits.days, 30);
+  EXPECT_EQ(config.calibration_limits.scans, 0);
   ASSERT_TRUE(config.drive);
   EXPECT_EQ(config.drive->profile, "leadshine-rs");
   EXPECT_EQ(config.drive->io_profile, "io.toml");
@@ -204,6 +210,8 @@ TEST(Config, NamesFileLineAndKey) {
       {"[button]\nkey = 3\n", "button.key is not known"},
       {"device = \"unterminated\n", "line 1"},
       {"camera = \"x\"\nstore = \"/home/j\xC3\xB6rg\"\n", "line 2, column 17: holds the byte 0xC3"},
+      {"[calibration_due]\ndays = -1\n", "line 2: calibration_due.days is no whole number from 0"},
+      {"[calibration_due]\nhours = 1\n", "calibration_due.hours is not known"},
       {"[motion]\nsoft = 3\n", "line 2: motion.soft is not known"},
       {"[drive]\nprofile = 3\n", "drive.profile is not a text"},
       {"[drive]\nspeed = 3\n", "line 2: drive.speed is not known"},
