@@ -13,6 +13,7 @@ constexpr double kBeyondObject_mm = 3;
 constexpr double kLargestRadius_mm = 511;  // of those that are told apart
 constexpr double kStrays = 1e-3;           // share of the samples
 constexpr std::size_t kEnoughTags = 3;
+constexpr std::uint64_t kEveryFrame = 4;  // for the line on the platter: the background's noise is in all of them
 constexpr double kSmallestRunUp_rad = 1e-6;
 
 /// The calibration as if its head always stood like that, and the table so high: z = 0 is the platter there, too.
@@ -59,10 +60,14 @@ void DatumWatch::see(std::span<const std::uint8_t> picture, const std::function<
   speed_rad_per_s_ = std::max(speed_rad_per_s_, std::abs(speed_rad_per_s));
 }
 
-void DatumWatch::line(int laser, std::span<const LineRow> rows, const Profile& profile) {
+void DatumWatch::line(int laser, std::span<const std::uint8_t> picture, std::span<const std::uint8_t> dark) {
+  if (lit_frames_++ % kEveryFrame != 0) return;
   for (Watched& watched : lines_) {
-    if (watched.shining == laser) watched.line.add(rows);
+    if (watched.shining == laser) watched.line.add(mode_, picture, dark);
   }
+}
+
+void DatumWatch::object(const Profile& profile) {
   for (const double r : profile.r_mm) {
     ++radii_[static_cast<std::size_t>(std::clamp(r, 0., kLargestRadius_mm))];
   }
@@ -100,8 +105,7 @@ DatumEvidence DatumWatch::result() const {
   if (tracker_) out.reading = read_datum(calibration_, all_sightings());
   const double beyond_mm = object_radius_mm() + kBeyondObject_mm;
   for (const Watched& watched : lines_) {
-    out.lines.push_back(
-        {watched.shining, watched.line.laser(), watched.line.frames(), watched.line.heights(beyond_mm)});
+    out.lines.push_back({watched.shining, watched.line.laser(), watched.line.heights(beyond_mm)});
   }
   return out;
 }

@@ -28,7 +28,7 @@ struct DatumEvidence {
   std::optional<DatumReading> reading;
   /// The line of one laser, taken as if it were that of another (or its own).
   struct Line {
-    int shining = 0, taken_as = 0, frames = 0;
+    int shining = 0, taken_as = 0;
     std::vector<PlatterHeight> heights;
   };
   std::vector<Line> lines;
@@ -46,8 +46,10 @@ class DatumWatch {
   /// A frame of the first turn. @param encoder_at  encoder's angle at the instant of a row
   void see(std::span<const std::uint8_t> picture, const std::function<double(double row)>& encoder_at,
            double turned_rad, double speed_rad_per_s);
-  /// The line of a laser in a frame, and what became of it.
-  void line(int laser, std::span<const LineRow> rows, const Profile& profile);
+  /// A frame with a laser on. @param dark  the mean of frames with it off
+  void line(int laser, std::span<const std::uint8_t> picture, std::span<const std::uint8_t> dark);
+  /// What became of it: where the object stands, the platter is not bare.
+  void object(const Profile& profile);
   DatumEvidence result() const;
 
  private:
@@ -61,6 +63,7 @@ class DatumWatch {
   std::vector<TagSighting> at_rest_;
   std::vector<DatumSighting> sightings_;  ///< of the turn
   int frames_ = 0, frames_with_tags_ = 0;
+  std::uint64_t lit_frames_ = 0;
   double speed_rad_per_s_ = 0;
   struct Watched {
     int shining = 0;

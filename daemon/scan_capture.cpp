@@ -107,10 +107,13 @@ class Intake {
           [&](double row) { return angle.at(tools_.turn->triangulator.row_instant_ns(info, row)).angle_rad; },
           turned_rad, angle.middle.speed_rad_per_s);
     }
+    if (tools_.turn->stop_number == 0) {
+      tools_.datum.line(tools_.turn->laser, frame.bytes(), tools_.turn->seen.background);
+    }
     frame.release();  // the driver gets its buffer back before anything slower happens
     const auto counts = tools_.turn->triangulator.triangulate(
         rows_, info, [&](std::int64_t ns) { return angle.at(ns); }, profile_);
-    if (tools_.turn->stop_number == 0) tools_.datum.line(tools_.turn->laser, rows_, profile_);
+    if (tools_.turn->stop_number == 0) tools_.datum.object(profile_);
     tools_.so_far->ambiguous += static_cast<std::uint64_t>(counts.ambiguous);
     tools_.feed.verdict(info, profile_.size() > 0 ? FrameVerdict::profile : FrameVerdict::no_line);
     profile_.index = tools_.so_far->profiles++;

@@ -3,6 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -14,10 +16,59 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kFarthest_mm = 400, kProbe_px = 0.5;
+// Pixels of a row: of the line's peak, and of what lies beside it on either side, from there on.
+constexpr std::ptrdiff_t kPeak_px = 5, kBeside_px = 4, kNeeded_px = kPeak_px + kBeside_px;
+constexpr double kMostReach_px = 48;
+constexpr double kLeastPeak = 6;  // standard deviations of the sum over the peak
+
+struct Found {
+  double at_px = 0, sd_px = 0;
+};
+
+/// The line in a row of means, counted from its first pixel: the centroid about the highest place, over the straight
+/// line through what lies on both sides.
+std::optional<Found> find_line(std::span<const double> mean) {
+  const auto n = static_cast<std::ptrdiff_t>(mean.size());
+  std::vector<double> steps;
+  for (std::ptrdiff_t i = 0; i + 1 < n; ++i) {
+    steps.push_back(std::abs(mean[static_cast<std::size_t>(i + 1)] - mean[static_cast<std::size_t>(i)]));
+  }
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  const double noise = *middle * 1.4826 / std::numbers::sqrt2;
+
+  const auto sum = [&](std::ptrdiff_t from, std::ptrdiff_t to) {
+    double total = 0;
+    for (std::ptrdiff_t i = from; i < to; ++i) total += mean[static_cast<std::size_t>(i)];
+    return total;
+  };
+  const auto left = [&](std::ptrdiff_t at) { return sum(at - kNeeded_px, at - kPeak_px) / kBeside_px; };
+  const auto right = [&](std::ptrdiff_t at) { return sum(at + kPeak_px + 1, at + kNeeded_px + 1) / kBeside_px; };
+  constexpr std::ptrdiff_t kWidth = 2 * kPeak_px + 1;
+  const auto over = [&](std::ptrdiff_t at) {
+    return sum(at - kPeak_px, at + kPeak_px + 1) - kWidth * (left(at) + right(at)) / 2;
+  };
+  std::ptrdiff_t best = -1;
+  for (std::ptrdiff_t at = kNeeded_px; at + kNeeded_px < n; ++at) {
+    if (best < 0 || over(at) > over(best)) best = at;
+  }
+  const double by_noise = std::sqrt(kWidth + kWidth * kWidth / (2. * kBeside_px));
+  if (best < 0 || over(best) < kLeastPeak * noise * by_noise) return std::nullopt;
+  const double low = left(best), slope = (right(best) - low) / (2 * kPeak_px + kBeside_px + 1),
+               start = static_cast<double>(best) - kPeak_px - 0.5 * (kBeside_px + 1);
+  double weight = 0, moment = 0, squares = 0;
+  for (std::ptrdiff_t i = best - kPeak_px; i <= best + kPeak_px; ++i) {
+    const double x = static_cast<double>(i - best);
+    const double w = mean[static_cast<std::size_t>(i)] - low - slope * (static_cast<double>(i) - start);
+    weight += w, moment += w * x, squares += x * x;
+  }
+  if (!(weight > 0)) return std::nullopt;
+  return Found{static_cast<double>(best) + moment / weight, noise * std::sqrt(squares) / weight};
+}
 
 }  // namespace
 
-PlatterLine::PlatterLine(const Calibration& calibration, int laser, LineAlong along) : laser_(laser) {
+PlatterLine::PlatterLine(const Calibration& calibration, int laser, LineAlong along) : laser_(laser), along_(along) {
   const auto plane = std::find_if(calibration.lasers.begin(), calibration.lasers.end(),
                                   [&](const LaserPlane& candidate) { return candidate.laser == laser; });
   if (plane == calibration.lasers.end()) {
@@ -51,31 +102,45 @@ PlatterLine::PlatterLine(const Calibration& calibration, int laser, LineAlong al
     if (!(std::abs(p.z()) < 1e-3) || !(x >= 0 && x <= length - 1)) continue;
     const double r = p.head<2>().norm();
     if (r > kFarthest_mm) continue;
-    rows_[static_cast<std::size_t>(line)] = {x, r, z_by_px, 0, 0, 0};
+    const double reach = std::min(kReach_mm / std::abs(z_by_px) + kNeeded_px, kMostReach_px);
+    const auto first = static_cast<std::size_t>(std::max(0., std::floor(x - reach))),
+               end = static_cast<std::size_t>(std::min<double>(length, std::ceil(x + reach) + 1));
+    if (end - first <= 2 * kNeeded_px) continue;
+    rows_[static_cast<std::size_t>(line)] = {x, r, z_by_px, first, end - first, sums_.size()};
+    sums_.resize(sums_.size() + end - first);
   }
 }
 
-void PlatterLine::add(std::span<const LineRow> rows) {
+void PlatterLine::add(const CameraMode& mode, std::span<const std::uint8_t> picture,
+                      std::span<const std::uint8_t> dark) {
   ++frames_;
-  const std::size_t n = std::min(rows.size(), rows_.size());
-  for (std::size_t k = 0; k < n; ++k) {
-    Row& row = rows_[k];
-    if (row.r_mm == 0 || (rows[k].status != RowStatus::found && rows[k].status != RowStatus::saturated)) continue;
-    const double off = static_cast<double>(rows[k].x_px) - row.x_px;
-    if (!(std::abs(off * row.z_by_px) <= kReach_mm)) continue;
-    ++row.count;
-    row.sum_px += off;
-    row.sum_squares += off * off;
+  const std::size_t pixel = bytes_per_pixel(mode.format);
+  const std::size_t along_row = along_ == LineAlong::rows ? pixel : mode.stride_bytes,
+                    to_next = along_ == LineAlong::rows ? mode.stride_bytes : pixel;
+  for (std::size_t line = 0; line < rows_.size(); ++line) {
+    const Row& row = rows_[line];
+    if (row.r_mm == 0) continue;
+    std::size_t at = line * to_next + row.first_px * along_row;
+    for (std::size_t k = 0; k < row.count_px; ++k, at += along_row) {
+      sums_[row.first_sum + k] += picture[at] - (dark.empty() ? 0 : dark[at]);
+    }
   }
 }
 
 std::vector<PlatterHeight> PlatterLine::heights(double beyond_mm) const {
   std::vector<PlatterHeight> out;
+  if (frames_ == 0) return out;
+  std::vector<double> mean;
   for (const Row& row : rows_) {
-    if (row.r_mm <= beyond_mm || row.count < 2 || 4 * row.count < frames_) continue;
-    const double mean = row.sum_px / row.count,
-                 variance = std::max(0., row.sum_squares / row.count - mean * mean) * row.count / (row.count - 1);
-    out.push_back({row.r_mm, mean * row.z_by_px, std::abs(row.z_by_px) * std::sqrt(variance / row.count), row.count});
+    if (row.r_mm <= beyond_mm) continue;
+    mean.clear();
+    for (std::size_t k = 0; k < row.count_px; ++k) {
+      mean.push_back(static_cast<double>(sums_[row.first_sum + k]) / frames_);
+    }
+    const auto found = find_line(mean);
+    if (!found) continue;
+    const double z = (static_cast<double>(row.first_px) + found->at_px - row.x_px) * row.z_by_px;
+    if (std::abs(z) <= kReach_mm) out.push_back({row.r_mm, z, std::abs(row.z_by_px) * found->sd_px});
   }
   return out;
 }

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <vector>
@@ -16,24 +17,20 @@ namespace {
 
 using testing::RimCamera;
 
-constexpr double kForADarkPlatter_ms = 32;
+constexpr int kFrames = 40;
 
+/// In the exposure of a scan, which is short for a dark platter.
 std::vector<PlatterHeight> seen_of(RimCamera& camera, const Calibration& calibration, int laser, double beyond_mm) {
-  const LineAlong along = line_along(calibration.lasers.front());
-  PlatterLine line(calibration, laser, along);
-  LaserLineExtractor extractor({.along = along});
-  std::vector<LineRow> rows(RimCamera::kHeight);
-  for (int k = 0; k < 6; ++k) {
-    const std::vector<std::uint8_t> dark = camera.shoot(0.5 * k, static_cast<std::uint64_t>(2 * k));
-    extractor.extract(camera.mode(), camera.shoot(0.5 * k, static_cast<std::uint64_t>(2 * k + 1), true), dark, rows);
-    line.add(rows);
+  PlatterLine line(calibration, laser, line_along(calibration.lasers.front()));
+  const std::vector<std::uint8_t> dark = camera.mean_dark(8);
+  for (int k = 0; k < kFrames; ++k) {
+    line.add(camera.mode(), camera.shoot(0.15 * k, static_cast<std::uint64_t>(100 + k), true), dark);
   }
   return line.heights(beyond_mm);
 }
 
 TEST(PlatterLine, LiesOnThePlatter) {
   RimCamera camera("empty", 1, 0);
-  camera.set_exposure_ms(kForADarkPlatter_ms);
   const auto heights = seen_of(camera, camera.truth(), 0, 5);
   ASSERT_GE(heights.size(), 50U);
   double sum = 0, squares = 0;
@@ -50,7 +47,6 @@ TEST(PlatterLine, LiesOnThePlatter) {
 // meet that plane.
 TEST(PlatterLine, TellsHowFarALaserMoved) {
   RimCamera camera("empty", 1, 0);
-  camera.set_exposure_ms(kForADarkPlatter_ms);
   const Calibration truth = camera.truth();
   Calibration moved = truth;
   moved.lasers[0].distance_mm += 0.5;
@@ -73,13 +69,49 @@ TEST(PlatterLine, TellsHowFarALaserMoved) {
 
 TEST(PlatterLine, WithoutTheLaserThereIsNone) {
   RimCamera camera("empty", 1, 0);
-  camera.set_exposure_ms(kForADarkPlatter_ms);
   const Calibration truth = camera.truth();
   PlatterLine line(truth, 0, line_along(truth.lasers.front()));
-  std::vector<LineRow> rows(RimCamera::kHeight);
-  for (int k = 0; k < 6; ++k) line.add(rows);
   EXPECT_TRUE(line.heights(0).empty());
+  const std::vector<std::uint8_t> dark = camera.mean_dark(8);
+  for (int k = 0; k < kFrames; ++k)
+    line.add(camera.mode(), camera.shoot(0.15 * k, static_cast<std::uint64_t>(100 + k)), dark);
+  EXPECT_LE(line.heights(0).size(), 2u);
   EXPECT_THROW(PlatterLine(truth, 3, LineAlong::rows), std::invalid_argument);
+}
+
+// Of one frame nothing is seen: the mean is what shows it.
+TEST(PlatterLine, IsBelowTheNoiseOfOneFrame) {
+  RimCamera camera("empty", 1, 0);
+  const Calibration truth = camera.truth();
+  const LineAlong along = line_along(truth.lasers.front());
+  LaserLineExtractor extractor({.along = along});
+  std::vector<LineRow> rows(RimCamera::kHeight);
+  extractor.extract(camera.mode(), camera.shoot(0, 99, true), camera.mean_dark(8), rows);
+  EXPECT_LT(std::count_if(rows.begin(), rows.end(), [](const LineRow& r) { return r.status == RowStatus::found; }), 20);
+}
+
+// A picture in YUYV and one on its side say the same.
+TEST(PlatterLine, InOtherPicturesIsTheSame) {
+  RimCamera camera("empty", 1, 0);
+  const Calibration truth = camera.truth();
+  PlatterLine grey(truth, 0, LineAlong::rows), yuyv(truth, 0, LineAlong::rows);
+  CameraMode mode = camera.mode();
+  mode.format = PixelFormat::yuyv;
+  mode.stride_bytes = std::size_t{2} * RimCamera::kWidth;
+  const auto in_yuyv = [&](const std::vector<std::uint8_t>& luma) {
+    std::vector<std::uint8_t> bytes;
+    for (const std::uint8_t y : luma) bytes.insert(bytes.end(), {y, 128});
+    return bytes;
+  };
+  const std::vector<std::uint8_t> dark = camera.mean_dark(8);
+  for (int k = 0; k < 10; ++k) {
+    const std::vector<std::uint8_t> lit = camera.shoot(0, static_cast<std::uint64_t>(100 + k), true);
+    grey.add(camera.mode(), lit, dark);
+    yuyv.add(mode, in_yuyv(lit), in_yuyv(dark));
+  }
+  const auto a = grey.heights(5), b = yuyv.heights(5);
+  ASSERT_EQ(a.size(), b.size());
+  for (std::size_t k = 0; k < a.size(); ++k) EXPECT_EQ(a[k].z_mm, b[k].z_mm);
 }
 
 }  // namespace

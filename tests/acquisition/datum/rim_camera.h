@@ -36,7 +36,6 @@ class RimCamera {
   }
 
   Calibration truth() const { return sim::DeviceModel(device_).calibration(); }
-  void set_exposure_ms(double ms) { exposure_.exposure_ns = static_cast<std::int64_t>(ms * 1e6); }
   const CameraMode& mode() const { return mode_; }
   const std::vector<std::uint8_t>& shoot(double angle_rad, std::uint64_t seed, bool laser = false) {
     exposure_.seed = seed;
@@ -44,6 +43,17 @@ class RimCamera {
     bytes_.resize(std::size_t{kWidth} * kHeight);
     renderer_->render(exposure_, bytes_, kWidth);
     return bytes_;
+  }
+  /// Rounded mean of pictures with the laser off, as a scan makes its background.
+  std::vector<std::uint8_t> mean_dark(int frames) {
+    std::vector<int> sum(std::size_t{kWidth} * kHeight);
+    for (int k = 0; k < frames; ++k) {
+      const std::vector<std::uint8_t>& dark = shoot(0, static_cast<std::uint64_t>(1 + k));
+      for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += dark[i];
+    }
+    std::vector<std::uint8_t> mean;
+    for (const int total : sum) mean.push_back(static_cast<std::uint8_t>((total + frames / 2) / frames));
+    return mean;
   }
 
  private:
