@@ -67,6 +67,23 @@ void put_lasers(Json& json, const ResultNotes& notes) {
                           {"cells", e.cells}};
 }
 
+void put_dry_turn(Json& json, const DryTurn& dry) {
+  Json& out = json["dry_turn"] = {{"profiles", dry.profiles}, {"sd_mm", dry.sd_mm}};
+  if (dry.seconds) out["seconds"] = *dry.seconds;
+  out["exposure_ms"] = dry.exposure.exposure_ms;
+  out["better_exposure_ms"] = dry.exposure.better_ms;
+  out["bright_level"] = dry.view.bright_level;
+  out["sectors"] = Json::array();
+  for (const ViewSector& s : dry.view.sectors) {
+    out["sectors"].push_back({{"profiles", s.profiles},
+                              {"rows", s.rows},
+                              {"saturated", s.saturated},
+                              {"amplitude", s.amplitude},
+                              {"cut_above", s.cut_above},
+                              {"cut_below", s.cut_below}});
+  }
+}
+
 void put_counts(Json& json, const RangeFitReport& r) {
   json["points"] = r.points;
   json["rejected"] = r.rejected;
@@ -171,6 +188,7 @@ void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const R
   if (notes.closure_mm) json["closure_mm"] = to_json(*notes.closure_mm);
   put_lasers(json, notes);
   if (!notes.checks.empty()) json["checks"] = to_json(notes.checks);
+  if (notes.dry_turn) put_dry_turn(json, *notes.dry_turn);
   if (!notes.dimensions.empty()) {
     Json list = Json::array();
     for (const Dimension& d : notes.dimensions) {

@@ -13,6 +13,7 @@
 #include "daemon/checks/self_check.h"
 #include "daemon/dimension.h"
 #include "daemon/export/cad_client.h"
+#include "daemon/view_watch.h"
 #include "fitting/composite_fit.h"
 #include "fitting/flat_ends.h"
 #include "fitting/local_frame.h"
@@ -80,6 +81,15 @@ struct StatedCalibration {
   double scale_u = 0;        ///< relative standard uncertainty of lengths
 };
 
+/// What a dry turn says of the scan to come.
+struct DryTurn {
+  int profiles = 0;               ///< a turn of that scan
+  std::optional<double> seconds;  ///< that it takes; nullopt: not foreseen
+  double sd_mm = 0;               ///< mean standard deviation of its surface, by what this one has
+  ViewReading view;
+  ExposureAdvice exposure;
+};
+
 /// What the result files say besides the fit itself.
 struct ResultNotes {
   std::string name = "object";
@@ -93,7 +103,8 @@ struct ResultNotes {
   std::optional<ClosureError> closure_mm;  ///< of several lasers the worst
   std::vector<LaserShare> lasers = {};     ///< after a scan, in the order of their turns
   std::optional<AgreementError> agreement_mm = {};
-  std::vector<SelfCheck> checks;                 ///< of a scan
+  std::vector<SelfCheck> checks;  ///< of a scan
+  std::optional<DryTurn> dry_turn = {};
   std::optional<StatedCalibration> calibration;  ///< of a scan
   std::vector<Dimension> dimensions = {};        ///< of a scan of a round object
   std::optional<CadResult> solid;

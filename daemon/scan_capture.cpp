@@ -35,12 +35,13 @@ std::int64_t middle_of(const CaptureTools& tools, const FrameInfo& frame) {
 
 /// How the turn is laid out: `profiles` angles a turn, and so many again for the closure test.
 struct Turn {
-  explicit Turn(const CaptureTools& tools)
-      : profiles(tools.request.profiles),
+  Turn(const ScanEquipment& equipment, int profiles_of_turn)
+      : profiles(profiles_of_turn),
         pitch_rad(kTurn_rad / profiles),
         overlap_profiles(std::max(4, profiles / 60)),
         overlap_rad(overlap_profiles * pitch_rad),
-        encoder_per_true(1 / tools.equipment.calibration.encoder_scale.value) {}
+        encoder_per_true(1 / equipment.calibration.encoder_scale.value) {}
+  explicit Turn(const CaptureTools& tools) : Turn(tools.equipment, tools.request.profiles) {}
   int profiles;
   double pitch_rad;
   int overlap_profiles;
@@ -54,9 +55,9 @@ struct Way {
 };
 
 /// A frame every pitch. The run-up and the run-out keep the turn itself at constant speed.
-Way way_of_sweep(const CaptureTools& tools, const Turn& turn) {
-  const ScannerDevice& device = *tools.equipment.device;
-  const double period_s = static_cast<double>(tools.equipment.camera.mode().frame_period_ns) * 1e-9;
+Way way_of_sweep(const ScanEquipment& equipment, const Turn& turn) {
+  const ScannerDevice& device = *equipment.device;
+  const double period_s = static_cast<double>(equipment.camera.mode().frame_period_ns) * 1e-9;
   Way way;
   way.speed_rad_per_s =
       std::min(turn.pitch_rad * turn.encoder_per_true / period_s, device.capabilities().max_speed_rad_per_s);
@@ -125,6 +126,7 @@ class Intake {
       tools_.look.add(profile_);
       tools_.agreement.add(profile_);
       tools_.jitter.add(profile_);
+      tools_.view.see(rows_, profile_);
       ++share_.profiles;
       share_.samples += profile_.size();
       running_fit_.offer(tools_.sums);
@@ -216,13 +218,18 @@ class Intake {
 
 }  // namespace
 
+double seconds_of_sweep(const ScanEquipment& equipment, int profiles) {
+  const Way way = way_of_sweep(equipment, Turn(equipment, profiles));
+  return way.whole_rad / way.speed_rad_per_s;
+}
+
 tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
   const Turn turn(tools);
   ScannerDevice& device = *tools.equipment.device;
   FrameFeed& feed = tools.feed;
   const DeviceCapabilities& limits = device.capabilities();
 
-  const Way way = way_of_sweep(tools, turn);
+  const Way way = way_of_sweep(tools.equipment, turn);
   const double speed = way.speed_rad_per_s;
   const double start = feed.status().angle_rad + way.run_up_rad;
   const double end_turned = kTurn_rad + turn.overlap_rad;
@@ -341,7 +348,7 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
 
 bool turn_fits_travel(const CaptureTools& tools) {
   const Turn turn(tools);
-  const Way way = tools.request.mode == ScanMode::sweep ? way_of_sweep(tools, turn) : way_of_steps(turn);
+  const Way way = tools.request.mode == ScanMode::sweep ? way_of_sweep(tools.equipment, turn) : way_of_steps(turn);
   return !travel_ends_before(tools.equipment.device->capabilities(), tools.feed.status().angle_rad + way.whole_rad);
 }
 

@@ -21,6 +21,7 @@
 #include "daemon/report.h"
 #include "daemon/scan_job.h"
 #include "daemon/scan_preparation.h"
+#include "daemon/view_watch.h"
 #include "fitting/moment_grid.h"
 
 namespace celadon {
@@ -53,6 +54,7 @@ struct CaptureTools {
   FirstLook& look;
   LaserAgreement& agreement;
   ProfileJitter& jitter;
+  ViewWatch& view;
   DatumWatch& datum;
   ScanObserver& observer;
   const LaserTurn* turn = nullptr;  ///< the present one
@@ -73,6 +75,9 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools);
 
 /// The laser's turn that a recording holds, each frame at the angle noted with it.
 tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools);
+
+/// How long a turn of a sweep takes, by camera and table.
+double seconds_of_sweep(const ScanEquipment& equipment, int profiles);
 
 /// Whether the table can make the turn that the request wants from where it stands.
 bool turn_fits_travel(const CaptureTools& tools);

@@ -103,6 +103,32 @@ ScanTask as_recorded(ScanTask task, const RecordedScan& scan) {
   return task;
 }
 
+/// The same in a few profiles at constant speed, for its report alone.
+ScanTask as_dry_turn(ScanTask task) {
+  task.request.mode = ScanMode::sweep;
+  task.request.profiles = kDryProfiles;
+  task.request.formats.clear();
+  return task;
+}
+
+/// What a dry turn, which took so long to prepare, says of the scan that was asked for.
+DryTurn dry_turn_of(const ScanRequest& asked, const ScanEquipment& equipment, const BodyFit& fit,
+                    const ViewReading& view, std::int64_t exposure_ns, std::size_t turns, double prepare_s) {
+  DryTurn dry;
+  dry.profiles = asked.profiles;
+  if (asked.mode == ScanMode::sweep && equipment.device != nullptr) {
+    dry.seconds = prepare_s + static_cast<double>(turns) * seconds_of_sweep(equipment, asked.profiles);
+  }
+  // Samples of one surface: its coefficients' variances go as one over their number.
+  double sd_mm = 0;
+  for (const RangeFit& piece : fit.pieces()) sd_mm = std::max(sd_mm, piece.report.sd_mean_mm);
+  dry.sd_mm = sd_mm * std::sqrt(static_cast<double>(kDryProfiles) / asked.profiles);
+  dry.view = view;
+  dry.exposure = exposure_advice(view, static_cast<double>(exposure_ns) * 1e-6,
+                                 static_cast<double>(equipment.camera.mode().frame_period_ns) * 1e-6);
+  return dry;
+}
+
 /// Where the frames of this scan are kept; nothing unless that was asked for.
 tl::expected<std::unique_ptr<RecordingWriter>, ScanStop> open_recording(const ScanEquipment& equipment,
                                                                         const ScanTask& task) {
@@ -177,7 +203,9 @@ double seconds_of(const ResultNotes& notes, std::initializer_list<const char*> s
 tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, const ScanTask& asked,
                                              ScanObserver& observer) {
   const RecordedScan* const recorded = equipment.camera.recorded();
-  const ScanTask task = recorded != nullptr ? as_recorded(asked, *recorded) : asked;
+  const ScanTask task = recorded != nullptr      ? as_recorded(asked, *recorded)
+                        : asked.request.dry_turn ? as_dry_turn(asked)
+                                                 : asked;
   ResultNotes notes;
   notes.name = file_stem(task.request.name);
   notes.date = task.date;
@@ -227,6 +255,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   FirstLook look(sums);
   LaserAgreement agreement(sums.specification(), *lasers, task.request.profiles);
   ProfileJitter jitter;
+  ViewWatch view;
   DatumWatch datum(equipment.calibration, equipment.camera.mode(), *lasers, turns.front().stop);
   datum.at_rest(turns.front().seen.background, turns.front().seen.background_at_rad);
   clock.end("prepare");
@@ -237,8 +266,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   auto cad = std::find(formats.begin(), formats.end(), ResultFormat::step) != formats.end()
                  ? CadWorker::start()
                  : tl::make_unexpected(std::string());
-  auto captured =
-      turn_with_each({equipment, task.request, **feed, **log, sums, look, agreement, jitter, datum, observer}, turns);
+  auto captured = turn_with_each(
+      {equipment, task.request, **feed, **log, sums, look, agreement, jitter, view, datum, observer}, turns);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
@@ -307,6 +336,12 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     notes.checks = self_checks(
         {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, notes.agreement_mm,
          stops->size() > 1 ? compare_stops(task.log_file, equipment.calibration) : std::nullopt, jitter.result()});
+    if (asked.request.dry_turn && recorded == nullptr) {
+      notes.dry_turn = dry_turn_of(asked.request, equipment, *fit, view.reading(), equipment.camera.mode().exposure_ns,
+                                   turns.size(), seconds_of(notes, {"prepare"}));
+      std::vector<SelfCheck> of_view = view_checks(notes.dry_turn->view, notes.dry_turn->exposure);
+      std::move(of_view.begin(), of_view.end(), std::back_inserter(notes.checks));
+    }
     std::vector<SelfCheck> of_datum = datum_checks(datum.result(), equipment.calibration);
     std::move(of_datum.begin(), of_datum.end(), std::back_inserter(notes.checks));
     notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);

@@ -41,6 +41,7 @@ json request_json(const ScanRequest& request) {
   if (!request.lasers.empty()) j["lasers"] = request.lasers;
   if (!request.elevations_deg.empty()) j["elevations_deg"] = request.elevations_deg;
   if (!request.lifts_mm.empty()) j["lifts_mm"] = request.lifts_mm;
+  if (request.dry_turn) j["dry_turn"] = true;
   if (request.form_tolerance_mm) j["form_tolerance_mm"] = *request.form_tolerance_mm;
   return j;
 }
@@ -161,6 +162,9 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
     request.mode = one_of(field, value, modes) == "step" ? ScanMode::step : ScanMode::sweep;
   } else if (field == "profiles") {
     request.profiles = whole_field(field, value, kFewestProfiles, kMostProfiles);
+  } else if (field == "dry_turn") {
+    if (!value.is_boolean()) refuse(field, value, "true or false");
+    request.dry_turn = value.get<bool>();
   } else if (field == "exposure_ms") {
     request.exposure_ms = number_field(field, value, kLongestExposure_ms, "ms");
   } else if (field == "lasers") {
@@ -193,7 +197,7 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
     }
   } else {
     throw Refusal{"'" + field.substr(0, 60) +
-                  "' is not a field of a scan request; give name, mode, profiles, exposure_ms, lasers, "
+                  "' is not a field of a scan request; give name, mode, profiles, dry_turn, exposure_ms, lasers, "
                   "elevations_deg, lifts_mm, shape, model, tolerance_mm, form_tolerance_mm, degree_u, degree_v or "
                   "formats."};
   }

@@ -19,11 +19,14 @@ namespace celadon {
 
 enum class ScanMode : std::uint8_t { step, sweep };
 
+inline constexpr int kDryProfiles = 96;  ///< of a dry turn
+
 /// What a client asks for; every field has a default.
 struct ScanRequest {
   std::string name;  ///< of the object; letters, digits, "-_. "; becomes part of file names
   ScanMode mode = ScanMode::sweep;
   int profiles = 1200;                      ///< a turn, 16 .. 100000
+  bool dry_turn = false;                    ///< only kDryProfiles of them and no files: what would such a scan be?
   double exposure_ms = 0;                   ///< 0: as the camera stands
   std::vector<int> lasers = {};             ///< a turn with each, in this order; empty: all that are calibrated
   std::vector<double> elevations_deg = {};  ///< of the head: a turn at each; empty: at 0

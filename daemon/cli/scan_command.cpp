@@ -26,6 +26,7 @@ struct ScanArguments {
   FollowOptions follow;
   std::uint64_t seed = 1;
   int profiles = 1200;
+  bool dry_turn = false;
   double exposure_ms = 0, tolerance_mm = 0, form_tolerance_mm = -1;
   std::vector<std::string> lasers = {"all"};
   std::vector<double> elevations_deg, lifts_mm;
@@ -49,6 +50,7 @@ json request_of(const ScanArguments& a) {
   if (const auto lasers = lasers_of(a); !lasers.empty()) request["lasers"] = lasers;
   if (!a.elevations_deg.empty()) request["elevations_deg"] = a.elevations_deg;
   if (!a.lifts_mm.empty()) request["lifts_mm"] = a.lifts_mm;
+  if (a.dry_turn) request["dry_turn"] = true;
   if (a.exposure_ms > 0) request["exposure_ms"] = a.exposure_ms;
   if (!a.name.empty()) request["name"] = a.name;
   constexpr std::string_view kMesh = "mesh:";
@@ -126,6 +128,9 @@ void add_scan_command(CLI::App& program, Run& run) {
   command->add_option("--mode", a->mode, "stop for each frame, or turn at constant speed")
       ->check(CLI::IsMember({"step", "sweep"}));
   command->add_option("--profiles", a->profiles, "a turn, 16 to 100000")->check(CLI::Range(16, 100000));
+  command->add_flag("--dry-turn", a->dry_turn,
+                    "only a quick turn and a report: is all of the object in view, is the exposure right, how long "
+                    "will the scan take and how well will it measure");
   command->add_option("--exposure", a->exposure_ms, "exposure time [ms]; 0: as the camera stands")
       ->check(not_negative());
   command

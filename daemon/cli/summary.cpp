@@ -1,5 +1,6 @@
 #include "daemon/cli/summary.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -60,6 +61,27 @@ std::string shoulder_line(const json& shoulder) {
               shoulder["height_mm"].get<double>(),
               given ? "as given" : ("standard deviation " + length(shoulder["sd_mm"])).c_str(),
               shoulder["jump_mm"].get<double>(), length(shoulder["edge_mm"]).c_str());
+}
+
+// What to expect of the scan, and of a better exposure.
+std::string dry_turn_lines(const json& dry) {
+  double dimmest = 255, brightest = 0;
+  for (const json& sector : dry["sectors"]) {
+    if (sector["rows"] == 0) continue;
+    dimmest = std::min(dimmest, sector["amplitude"].get<double>());
+    brightest = std::max(brightest, sector["amplitude"].get<double>());
+  }
+  std::string text = line("  the scan    of %d profiles a turn", dry["profiles"].get<int>());
+  text.pop_back();
+  if (dry.contains("seconds")) text += line(" takes about %.0f s,", dry["seconds"].get<double>()), text.pop_back();
+  text += " will measure with a standard deviation of about " + length(dry["sd_mm"]) + "\n";
+  text += line("  exposure    %.3g ms: the line has %.0f to %.0f grey levels, by sector",
+               dry["exposure_ms"].get<double>(), dimmest, brightest);
+  if (dry["better_exposure_ms"] != dry["exposure_ms"]) {
+    text.pop_back();
+    text += line("; %.3g ms is better", dry["better_exposure_ms"].get<double>());
+  }
+  return text;
 }
 
 // One line of counts, then a line for each check that failed.
@@ -195,6 +217,7 @@ std::string summary_of(const json& report) {
                    d["value"].get<double>(), 2 * d["standard_uncertainty"].get<double>());
     }
   }
+  if (report.contains("dry_turn")) text += dry_turn_lines(report["dry_turn"]);
   if (report.contains("checks")) text += checks_lines(report["checks"]);
   for (const auto& warning : report["warnings"]) text += "  note        " + warning.get<std::string>() + "\n";
   return text;

@@ -322,6 +322,30 @@ TEST(ScanQueue, AnOldCalibrationIsSaidByMachineAndReport) {
   EXPECT_NE(report_of(record)["warnings"].dump().find("The calibration of 2020-02-03 is "), std::string::npos);
 }
 
+TEST(ScanQueue, ADryTurnLeavesAReportAlone) {
+  FakeMachine machine;
+  Bench bench(machine);
+  ASSERT_TRUE(bench.queue->start());
+  ScanRequest request = quick_request();
+  request.dry_turn = true;
+  request.profiles = 2400;
+  ASSERT_TRUE(bench.queue->submit(request, "api"));
+  const ScanRecord record = bench.wait_for_end();
+  ASSERT_EQ(record.state, ScanState::done) << record.reason;
+  EXPECT_EQ(record.files, std::vector<std::string>{"report.json"});
+  const auto report = report_of(record);
+  EXPECT_LT(report["scan"]["profiles"], kDryProfiles + 10);
+  const auto& dry = report["dry_turn"];
+  EXPECT_EQ(dry["profiles"], 2400);
+  EXPECT_EQ(dry["sectors"].size(), 24u);
+  EXPECT_NEAR(dry["sd_mm"].get<double>(), report["sd_mm"]["mean"].get<double>() / 5, 1e-9);
+  EXPECT_GT(dry["seconds"], 0);
+  EXPECT_EQ(std::count_if(record.checks.begin(), record.checks.end(),
+                          [](const SelfCheck& c) { return c.name == "view" || c.name == "exposure"; }),
+            2);
+  EXPECT_EQ(machine.lasers(), 0);
+}
+
 TEST(ScanQueue, AnAbsentMachineIsWaitedForAndSaidSo) {
   FakeMachine machine;
   machine.link_down = true;
