@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <optional>
 #include <stdexcept>
@@ -19,7 +20,8 @@ constexpr double kFarthest_mm = 400, kProbe_px = 0.5;
 // Pixels of a row: of the line's peak, and of what lies beside it on either side, from there on.
 constexpr std::ptrdiff_t kPeak_px = 5, kBeside_px = 4, kNeeded_px = kPeak_px + kBeside_px;
 constexpr double kMostReach_px = 48;
-constexpr double kLeastPeak = 6;  // standard deviations of the sum over the peak
+constexpr std::size_t kTogether = 16;  // rows, whose mean shows the line where it is too dark for one
+constexpr double kLeastPeak = 6;       // standard deviations of the sum over the peak
 
 struct Found {
   double at_px = 0, sd_px = 0;
@@ -127,20 +129,47 @@ void PlatterLine::add(const CameraMode& mode, std::span<const std::uint8_t> pict
   }
 }
 
+// Rows are laid on each other by where the line is expected: a whole number of pixels, and the rest on average.
+std::optional<PlatterHeight> PlatterLine::height(std::span<const Row> rows) const {
+  std::ptrdiff_t reach = std::numeric_limits<std::ptrdiff_t>::max();
+  PlatterHeight mean;
+  double z_by_px = 0, rest_px = 0;
+  const auto n = static_cast<double>(rows.size());
+  const auto middle_of = [](const Row& row) {
+    return std::lround(row.x_px) - static_cast<std::ptrdiff_t>(row.first_px);
+  };
+  for (const Row& row : rows) {
+    const std::ptrdiff_t middle = middle_of(row);
+    reach = std::min({reach, middle, static_cast<std::ptrdiff_t>(row.count_px) - 1 - middle});
+    mean.r_mm += row.r_mm / n;
+    z_by_px += row.z_by_px / n;
+    rest_px += (row.x_px - std::round(row.x_px)) / n;
+  }
+  if (reach < kNeeded_px) return std::nullopt;
+  std::vector<double> together(static_cast<std::size_t>(2 * reach + 1));
+  for (const Row& row : rows) {
+    const std::size_t first = row.first_sum + static_cast<std::size_t>(middle_of(row) - reach);
+    for (std::size_t k = 0; k < together.size(); ++k) together[k] += sums_[first + k] / (n * frames_);
+  }
+  const auto found = find_line(together);
+  if (!found) return std::nullopt;
+  mean.z_mm = (found->at_px - static_cast<double>(reach) - rest_px) * z_by_px;
+  mean.sd_mm = std::abs(z_by_px) * found->sd_px;
+  if (!(std::abs(mean.z_mm) <= kReach_mm)) return std::nullopt;
+  return mean;
+}
+
 std::vector<PlatterHeight> PlatterLine::heights(double beyond_mm) const {
   std::vector<PlatterHeight> out;
   if (frames_ == 0) return out;
-  std::vector<double> mean;
-  for (const Row& row : rows_) {
-    if (row.r_mm <= beyond_mm) continue;
-    mean.clear();
-    for (std::size_t k = 0; k < row.count_px; ++k) {
-      mean.push_back(static_cast<double>(sums_[row.first_sum + k]) / frames_);
+  const auto usable = [&](const Row& row) { return row.r_mm > beyond_mm; };
+  for (std::size_t first = 0; first < rows_.size();) {
+    std::size_t end = first;
+    while (end < rows_.size() && end - first < kTogether && usable(rows_[end])) ++end;
+    if (end - first == kTogether) {
+      if (const auto height_there = height(std::span(rows_).subspan(first, kTogether))) out.push_back(*height_there);
     }
-    const auto found = find_line(mean);
-    if (!found) continue;
-    const double z = (static_cast<double>(row.first_px) + found->at_px - row.x_px) * row.z_by_px;
-    if (std::abs(z) <= kReach_mm) out.push_back({row.r_mm, z, std::abs(row.z_by_px) * found->sd_px});
+    first = std::max(end, first + 1);
   }
   return out;
 }

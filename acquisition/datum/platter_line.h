@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -34,7 +35,7 @@ class PlatterLine {
   /// @pre both in this mode, of the size that the calibration says
   void add(const CameraMode& mode, std::span<const std::uint8_t> picture, std::span<const std::uint8_t> dark);
   int laser() const { return laser_; }
-  /// Rows that show a line there, from beyond `beyond_mm` of the axis, where no object stands.
+  /// Of every 16 neighbouring rows that show a line, beyond `beyond_mm` of the axis, where no object stands.
   std::vector<PlatterHeight> heights(double beyond_mm) const;
 
  private:
@@ -43,6 +44,7 @@ class PlatterLine {
     std::size_t first_px = 0, count_px = 0;  ///< what is summed of it
     std::size_t first_sum = 0;               ///< where in sums_
   };
+  std::optional<PlatterHeight> height(std::span<const Row> rows) const;
   int laser_ = 0, frames_ = 0;
   LineAlong along_;
   std::vector<Row> rows_;

@@ -17,8 +17,7 @@ constexpr double kDatumSigmas = 4, kDatumCoverage = 2;
 constexpr double kFinestDatumTurn_deg = 0.02, kFinestAngle_deg = 0.02, kFinestTime_ms = 0.3, kFinestCamera_px = 0.25,
                  kFinestLaser_mm = 0.05;
 constexpr double kLeastSpeed_rad_per_s = 0.01;
-constexpr std::size_t kFewestRows = 10;
-constexpr double kRowsInCommon = 10;  // speckle on the platter shows in neighbouring rows
+constexpr std::size_t kFewestPlaces = 5;
 constexpr double kShareOfFrames = 0.5;
 
 template <class... Values>
@@ -147,7 +146,7 @@ StraightLine straight_through(const std::vector<PlatterHeight>& heights) {
       const double share = off[k] / (3 * scatter);
       weights[k] = 1 / ((1 + share * share) * (1 + share * share));
     }
-    out.u = scatter * std::sqrt(kRowsInCommon / n);
+    out.u = scatter / std::sqrt(n);
   }
   return out;
 }
@@ -160,7 +159,7 @@ const DatumEvidence::Line* line_of(const DatumEvidence& evidence, int shining, i
 }
 
 bool is_flat(const DatumEvidence::Line* line) {
-  return line != nullptr && line->heights.size() >= kFewestRows &&
+  return line != nullptr && line->heights.size() >= kFewestPlaces &&
          straight_through(line->heights).farthest() < 10 * kFinestLaser_mm;
 }
 
@@ -182,7 +181,7 @@ SelfCheck laser_check(const DatumEvidence& evidence, int laser, const Calibratio
                  laser, other.taken_as),
             "exchange the cables of the lasers, or calibrate again"};
   }
-  if (own == nullptr || own->heights.size() < kFewestRows) {
+  if (own == nullptr || own->heights.size() < kFewestPlaces) {
     return not_seen(name, "mm",
                     "too little of the laser's line is seen on the bare platter, within 4 mm of where the calibration "
                     "has it: the object covers it, the exposure is too short for the dark platter, or the laser moved "

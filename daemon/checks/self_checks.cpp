@@ -224,7 +224,7 @@ SelfCheck steadiness(const CheckedScan& scan, const RangeFit& piece, bool lasers
   const std::vector<double> left = beyond_harmonics(off_mm);
   double square = 0;
   for (const double off : left) square += off * off / static_cast<double>(left.size());
-  const double value = std::min(std::sqrt(square), robust_deviation(left, 0));
+  const double value = std::min(std::sqrt(square), robust_deviation(left, median(left)));
   SelfCheck slow = judge(value, noise_mm, noise_mm / std::sqrt(2. * static_cast<double>(left.size())),
                          "what fields of 2 degrees are off by over the whole height, root mean square");
   return slow.verdict == CheckVerdict::failed || !fast || slow.value > fast->value ? slow : *fast;

@@ -332,7 +332,7 @@ TEST(ScanQueue, ADryTurnLeavesAReportAlone) {
   ASSERT_TRUE(bench.queue->submit(request, "api"));
   const ScanRecord record = bench.wait_for_end();
   ASSERT_EQ(record.state, ScanState::done) << record.reason;
-  EXPECT_EQ(record.files, std::vector<std::string>{"report.json"});
+  EXPECT_EQ(record.files, (std::vector<std::string>{"errors.svg", "report.json"}));
   const auto report = report_of(record);
   EXPECT_LT(report["scan"]["profiles"], kDryProfiles + 10);
   const auto& dry = report["dry_turn"];

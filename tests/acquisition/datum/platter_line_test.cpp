@@ -32,11 +32,11 @@ std::vector<PlatterHeight> seen_of(RimCamera& camera, const Calibration& calibra
 TEST(PlatterLine, LiesOnThePlatter) {
   RimCamera camera("empty", 1, 0);
   const auto heights = seen_of(camera, camera.truth(), 0, 5);
-  ASSERT_GE(heights.size(), 50U);
+  ASSERT_GE(heights.size(), 8U);
   double sum = 0, squares = 0;
   for (const PlatterHeight& h : heights) sum += h.z_mm, squares += h.z_mm * h.z_mm;
   const double n = static_cast<double>(heights.size());
-  std::printf("%zu rows from %.1f to %.1f mm, mean %.4f, rms %.4f mm\n", heights.size(), heights.front().r_mm,
+  std::printf("%zu places from %.1f to %.1f mm, mean %.4f, rms %.4f mm\n", heights.size(), heights.front().r_mm,
               heights.back().r_mm, sum / n, std::sqrt(squares / n));
   EXPECT_LE(std::abs(sum / n), 0.02);
   EXPECT_LE(std::sqrt(squares / n), 0.15);
@@ -51,7 +51,7 @@ TEST(PlatterLine, TellsHowFarALaserMoved) {
   Calibration moved = truth;
   moved.lasers[0].distance_mm += 0.5;
   const auto was = seen_of(camera, truth, 0, 5), is = seen_of(camera, moved, 0, 5);
-  ASSERT_GE(is.size(), 50U);
+  ASSERT_GE(is.size(), 8U);
   const Eigen::Vector3d n = truth.axis.X_CW.linear().transpose() * truth.lasers[0].normal_C;
   const Eigen::Vector3d camera_W = truth.axis.X_CW.inverse().translation();
   double sum = 0;
