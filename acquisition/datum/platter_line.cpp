@@ -20,8 +20,9 @@ constexpr double kFarthest_mm = 400, kProbe_px = 0.5;
 // Pixels of a row: of the line's peak, and of what lies beside it on either side, from there on.
 constexpr std::ptrdiff_t kPeak_px = 5, kBeside_px = 4, kNeeded_px = kPeak_px + kBeside_px;
 constexpr double kMostReach_px = 48;
-constexpr std::size_t kTogether = 16;  // rows, whose mean shows the line where it is too dark for one
-constexpr double kLeastPeak = 6;       // standard deviations of the sum over the peak
+constexpr std::size_t kTogether = 4;  // rows, whose mean shows the line where it is too dark for one
+constexpr double kLineShare = 0.65;   // of a peak's height that a line loses within kPeak_px; reflections are broader
+constexpr double kLeastPeak = 6;      // standard deviations of the sum over the peak
 
 struct Found {
   double at_px = 0, sd_px = 0;
@@ -56,6 +57,9 @@ std::optional<Found> find_line(std::span<const double> mean) {
   }
   const double by_noise = std::sqrt(kWidth + kWidth * kWidth / (2. * kBeside_px));
   if (best < 0 || over(best) < kLeastPeak * noise * by_noise) return std::nullopt;
+  const double top = sum(best - 1, best + 2) / 3, far = (left(best) + right(best)) / 2,
+               near = (sum(best - kPeak_px, best - kPeak_px + 2) + sum(best + kPeak_px - 1, best + kPeak_px + 1)) / 4;
+  if (top - near < kLineShare * (top - far)) return std::nullopt;
   const double low = left(best), slope = (right(best) - low) / (2 * kPeak_px + kBeside_px + 1),
                start = static_cast<double>(best) - kPeak_px - 0.5 * (kBeside_px + 1);
   double weight = 0, moment = 0, squares = 0;

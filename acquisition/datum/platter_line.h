@@ -35,7 +35,7 @@ class PlatterLine {
   /// @pre both in this mode, of the size that the calibration says
   void add(const CameraMode& mode, std::span<const std::uint8_t> picture, std::span<const std::uint8_t> dark);
   int laser() const { return laser_; }
-  /// Of every 16 neighbouring rows that show a line, beyond `beyond_mm` of the axis, where no object stands.
+  /// Of every 4 neighbouring rows that show a line, beyond `beyond_mm` of the axis, where no object stands.
   std::vector<PlatterHeight> heights(double beyond_mm) const;
 
  private:
