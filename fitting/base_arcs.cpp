@@ -216,22 +216,29 @@ bool in_quadrants(const BaseArcs& arcs) {
   return arcs.closed() && arcs.count() == 4 && arcs.start_rad() == 0;
 }
 
+// What angles need; points need the rest.
+ArcConstants extents(const BaseArcs& arcs) {
+  ArcConstants c{};
+  c.count = arcs.count();
+  c.quadrants = in_quadrants(arcs);
+  c.start_rad = arcs.start_rad();
+  c.arc_rad = arcs.arc_rad();
+  c.range_rad = arcs.arc_rad() * arcs.count();
+  return c;
+}
+
 ArcConstants constants(const BaseArcs& arcs) {
-  const double arc = arcs.arc_rad(), range = arc * arcs.count();
-  const double quarter_sin = std::sin(arc / 4);
-  return {.count = arcs.count(),
-          .quadrants = in_quadrants(arcs),
-          .start_rad = arcs.start_rad(),
-          .arc_rad = arc,
-          .range_rad = range,
-          .sin_half = std::sin(arc / 2),
-          .one_minus_w = 2 * quarter_sin * quarter_sin,
-          .start_cos = std::cos(arcs.start_rad()),
-          .start_sin = std::sin(arcs.start_rad()),
-          .arc_cos = std::cos(arc),
-          .arc_sin = std::sin(arc),
-          .middle_cos = std::cos(range / 2),
-          .middle_sin = std::sin(range / 2)};
+  ArcConstants c = extents(arcs);
+  const double quarter_sin = std::sin(c.arc_rad / 4);
+  c.sin_half = std::sin(c.arc_rad / 2);
+  c.one_minus_w = 2 * quarter_sin * quarter_sin;
+  c.start_cos = std::cos(c.start_rad);
+  c.start_sin = std::sin(c.start_rad);
+  c.arc_cos = std::cos(c.arc_rad);
+  c.arc_sin = std::sin(c.arc_rad);
+  c.middle_cos = std::cos(c.range_rad / 2);
+  c.middle_sin = std::sin(c.range_rad / 2);
+  return c;
 }
 
 }  // namespace
@@ -304,11 +311,13 @@ void BaseArcs::theta_derivatives(double v, double& theta_v, double& theta_vv) co
 }
 
 void BaseArcs::synchronise(const double* x, const double* y, std::size_t n, double* v, double* r) const {
-  HWY_DYNAMIC_DISPATCH(points)(constants(*this), x, y, n, v, r);
+  // Blocks are small: sines and cosines of the usual arcs are not taken for each of them.
+  static const ArcConstants full_circle = constants(BaseArcs::full_circle());
+  HWY_DYNAMIC_DISPATCH(points)(in_quadrants(*this) ? full_circle : constants(*this), x, y, n, v, r);
 }
 
 void BaseArcs::synchronise(const double* theta_rad, std::size_t n, double* v) const {
-  HWY_DYNAMIC_DISPATCH(angles)(constants(*this), theta_rad, n, v);
+  HWY_DYNAMIC_DISPATCH(angles)(extents(*this), theta_rad, n, v);
 }
 
 bool BaseArcs::contains(double theta_rad) const {

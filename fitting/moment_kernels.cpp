@@ -208,12 +208,21 @@ std::size_t add_block(const Grid& g, const double* r, const double* z, const dou
 HWY_INLINE void sums_of_lanes(const hn::Vec<D>* v, int n, double* HWY_RESTRICT out) {
   const D d;
   int k = 0;
-#if HWY_TARGET != HWY_SCALAR && HWY_MAX_BYTES == 32
-  // Four vectors of four at a time, by transposing them.
+#if HWY_MAX_BYTES == 32 || HWY_MAX_BYTES == 64
+  // Four vectors of four at a time, by transposing them; of eight, after their halves are added.
+  const hn::CappedTag<double, 4> d4;
+  const auto four = [&](int i) {
+#if HWY_MAX_BYTES == 64
+    return hn::Add(hn::LowerHalf(d4, v[i]), hn::UpperHalf(d4, v[i]));
+#else
+    return v[i];
+#endif
+  };
   for (; k + 4 <= n; k += 4) {
-    const auto ab = hn::Add(hn::InterleaveLower(d, v[k], v[k + 1]), hn::InterleaveUpper(d, v[k], v[k + 1]));
-    const auto cd = hn::Add(hn::InterleaveLower(d, v[k + 2], v[k + 3]), hn::InterleaveUpper(d, v[k + 2], v[k + 3]));
-    hn::StoreU(hn::Add(hn::ConcatLowerLower(d, cd, ab), hn::ConcatUpperUpper(d, cd, ab)), d, out + k);
+    const auto a = four(k), b = four(k + 1), c = four(k + 2), e = four(k + 3);
+    const auto ab = hn::Add(hn::InterleaveLower(d4, a, b), hn::InterleaveUpper(d4, a, b));
+    const auto ce = hn::Add(hn::InterleaveLower(d4, c, e), hn::InterleaveUpper(d4, c, e));
+    hn::StoreU(hn::Add(hn::ConcatLowerLower(d4, ce, ab), hn::ConcatUpperUpper(d4, ce, ab)), d4, out + k);
   }
 #endif
   for (; k < n; ++k) out[k] = hn::GetLane(hn::SumOfLanes(d, v[k]));
@@ -391,11 +400,12 @@ std::size_t add_profile(const Grid& g, double v, const double* r, const double* 
 }
 
 // kVectors of columns at a time stay in registers over all rows.
-template <int kQ, int kVectors>
+template <int kQ, bool kSquares, int kVectors>
 HWY_INLINE void sum_columns(const Rows& rows, std::size_t column, double* sums) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
-  hn::Vec<D> sum[kQ + 2][kVectors];
+  constexpr std::size_t kSums = kQ + (kSquares ? 2 : 1);
+  hn::Vec<D> sum[kSums][kVectors];
   for (auto& line : sum)
     for (auto& part : line) part = hn::Zero(d);
   for (std::size_t i = 0; i < rows.rows; ++i) {
@@ -403,20 +413,23 @@ HWY_INLINE void sum_columns(const Rows& rows, std::size_t column, double* sums) 
     for (std::size_t k = 0; k < kVectors; ++k) {
       const auto range = hn::LoadU(d, r + k * lanes);
       for (int a = 0; a <= kQ; ++a) sum[a][k] = hn::MulAdd(range, hn::Set(d, factors[a]), sum[a][k]);
-      sum[kQ + 1][k] = hn::MulAdd(range, range, sum[kQ + 1][k]);
+      if (kSquares) sum[kSums - 1][k] = hn::MulAdd(range, range, sum[kSums - 1][k]);
     }
   }
-  for (std::size_t a = 0; a < kQ + 2; ++a)
+  for (std::size_t a = 0; a < kSums; ++a)
     for (std::size_t k = 0; k < kVectors; ++k) hn::StoreU(sum[a][k], d, sums + a * rows.columns + column + k * lanes);
 }
 
-template <int kQ>
+template <int kQ, bool kSquares>
 void sum_rows_of(const Rows& rows, double* sums) {
   const std::size_t lanes = hn::Lanes(D());
+  constexpr int kVectors = HWY_MAX_BYTES == 64 ? 4 : 2;  // as many as there are registers for
   std::size_t column = 0;
-  for (; column + 2 * lanes <= rows.columns; column += 2 * lanes) sum_columns<kQ, 2>(rows, column, sums);
+  for (; column + kVectors * lanes <= rows.columns; column += kVectors * lanes)
+    sum_columns<kQ, kSquares, kVectors>(rows, column, sums);
+  for (; column + lanes <= rows.columns; column += lanes) sum_columns<kQ, kSquares, 1>(rows, column, sums);
   for (; column < rows.columns; ++column)
-    for (std::size_t a = 0; a < kQ + 2; ++a) {
+    for (std::size_t a = 0; a < kQ + (kSquares ? 2 : 1); ++a) {
       double sum = 0;
       for (std::size_t i = 0; i < rows.rows; ++i) {
         const double r = rows.r[i][column];
@@ -426,19 +439,15 @@ void sum_rows_of(const Rows& rows, double* sums) {
     }
 }
 
+template <int kQ>
+void sum_rows_of_degree(const Rows& rows, double* sums) {
+  if constexpr (kQ < 5)
+    if (rows.degree_v != kQ) return sum_rows_of_degree<kQ + 1>(rows, sums);
+  rows.squares ? sum_rows_of<kQ, true>(rows, sums) : sum_rows_of<kQ, false>(rows, sums);
+}
+
 void sum_rows(const Rows& rows, double* sums) {
-  switch (rows.degree_v) {
-    case 1:
-      return sum_rows_of<1>(rows, sums);
-    case 2:
-      return sum_rows_of<2>(rows, sums);
-    case 3:
-      return sum_rows_of<3>(rows, sums);
-    case 4:
-      return sum_rows_of<4>(rows, sums);
-    default:
-      return sum_rows_of<5>(rows, sums);
-  }
+  sum_rows_of_degree<1>(rows, sums);
 }
 
 void dot_products(const double* x, std::size_t step, int count, const double* y, std::size_t n, double* out) {

@@ -36,8 +36,9 @@ struct Rows {
   const double* factors;  ///< factors[row * (degree_v + 1) + a], a = 0..q
   std::size_t rows, columns;
   int degree_v;
+  bool squares;
 };
-/// sums[a * columns + j] = sum over the rows of r_j times factor a, and of r_j^2 at a = q + 1.
+/// sums[a * columns + j] = sum over the rows of r_j times factor a, and of r_j^2 at a = q + 1 if wanted.
 void sum_rows(const Rows& rows, double* sums);
 /// out[a] = sum over k < n of x[k] y[k] of `count` pairs of arrays: x + a * step against one y.
 void dot_products(const double* x, std::size_t step, int count, const double* y, std::size_t n, double* out);

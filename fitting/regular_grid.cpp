@@ -87,7 +87,7 @@ class RowSums {
   RowSums(const RangeSpace& v, Eigen::Index columns)
       : v_(v),
         active_(std::max(2, v.degree() + 1)),
-        run_sums_(active_ + 1, columns),
+        run_sums_(active_, columns),
         sums_(RowMajor::Zero(v.free_count(), columns)) {}
 
   /// Rows that share an interval wait until they are summed in one go, as many as stay in the cache.
@@ -102,7 +102,8 @@ class RowSums {
   const RowMajor& finish() {
     if (!rows_.empty()) {
       const auto columns = static_cast<std::size_t>(run_sums_.cols());
-      moment_kernels::sum_rows({rows_.data(), values_.data(), rows_.size(), columns, active_ - 1}, run_sums_.data());
+      moment_kernels::sum_rows({rows_.data(), values_.data(), rows_.size(), columns, active_ - 1, false},
+                               run_sums_.data());
       const auto active = v_.active(interval_);
       for (std::size_t a = 0; a < active.size(); ++a) {
         sums_.row(active[a]) += run_sums_.row(static_cast<Eigen::Index>(a));

@@ -1,6 +1,7 @@
 // The speed of the fit against its peers: ALGLIB, scipy, and a plain read of the same bytes. One run prints every line
-// of the bar as measured/bar (at most 1 passes), from medians of interleaved runs. fitting_bench [points for the memory
-// section = 10000000; "membership": that section alone]
+// of the bar as measured/bar (at most 1 passes), from medians of interleaved runs. fitting_bench [--simd AVX2, SSE4
+// ...] [points for the memory section = 10000000; "membership": that section alone]
+#include <hwy/targets.h>
 #include <libalglib/interpolation.h>
 #include <malloc.h>
 
@@ -71,6 +72,18 @@ double slack() {
   const std::string target = moment_kernels::target_name();
   if (target.rfind("AVX3", 0) == 0) return 1;
   return target == "AVX2" ? 1.5 : 6;
+}
+
+// As on a machine that has no wider vectors than those of the level named; false: this one has no such level.
+bool use_simd_level(const std::string& name) {
+  for (std::int64_t supported = hwy::SupportedTargets(); supported != 0; supported &= supported - 1) {
+    const std::int64_t target = supported & -supported;
+    if (hwy::TargetName(target) != name) continue;
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    return true;
+  }
+  return false;
 }
 
 int lines_over = 0;
@@ -439,6 +452,13 @@ void memory(double most) {
 
 int main(int argc, char** argv) {
   using namespace celadon;
+  if (argc > 2 && std::string(argv[1]) == "--simd") {
+    if (!use_simd_level(argv[2])) {
+      std::fprintf(stderr, "fitting_bench: this machine has no SIMD level %s\n", argv[2]);
+      return 2;
+    }
+    argc -= 2, argv += 2;
+  }
   std::printf("SIMD level %s: the bars for AVX-512 times %.1f\n", moment_kernels::target_name(), slack());
   std::printf("measured / bar, at most 1 passes\n\n");
   if (argc > 1 && std::string(argv[1]) == "membership") {
