@@ -16,6 +16,7 @@
 
 #include <Eigen/Eigenvalues>
 
+#include "acquisition/calibration_axes.h"
 #include "acquisition/calibration_change.h"
 #include "acquisition/lens.h"
 #include "acquisition/toml_section.h"
@@ -24,13 +25,11 @@ namespace celadon {
 namespace {
 
 using namespace checked_toml;
+using namespace calibration_sections;
 
 constexpr std::size_t kLargestCalibration = std::size_t{1} << 20;
-constexpr double kUnitTolerance = 1e-9;
-constexpr double kMostOffNominal = 0.70710678118654752;  // sine and cosine of 45 degrees
+constexpr double kRotationTolerance = 1e-9;
 constexpr int kMajor = 1, kMinor = 2;
-constexpr int kTags = 587;  // of the family tag36h11
-constexpr double kSmallestTag_mm = 0.5;
 constexpr const char* kFormat = "celadon-calibration";
 constexpr std::array<const char*, 5> kDistortionKeys{"k1", "k2", "p1", "p2", "k3"};
 
@@ -107,17 +106,6 @@ CameraModel camera_of(Section& root) {
   return camera;
 }
 
-Eigen::Vector3d unit_vector_of(Section& section, const char* key) {
-  const Eigen::Vector3d out = section.vector(key);
-  if (const double length = out.norm(); !(std::abs(length - 1) <= kUnitTolerance)) {
-    section.refuse(section.node(key), key,
-                   "has length " + number_text(length) +
-                       " and must have length 1 within 1e-9; divide it by its length "
-                       "and write all its digits");
-  }
-  return out;
-}
-
 LaserPlane laser_of(Section section) {
   LaserPlane plane;
   plane.laser = section.integer("number", 0, 255);
@@ -158,7 +146,7 @@ AxisPose axis_of(Section& root) {
   AxisPose axis;
   const Eigen::Matrix3d rotation = section.matrix("rotation");
   const double error = (rotation * rotation.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
-  if (!(error <= kUnitTolerance)) {
+  if (!(error <= kRotationTolerance)) {
     section.refuse(section.node("rotation"), "rotation",
                    "differs from a rotation by " + number_text(error) +
                        " (R R^T - 1) and may by 1e-9; write all its digits or calibrate again");
@@ -173,75 +161,6 @@ AxisPose axis_of(Section& root) {
   axis.u_position_mm = section.uncertainty("u_position_mm");
   section.finish();
   return axis;
-}
-
-ElevationAxis elevation_of(Section& root) {
-  Section section = root.section("elevation");
-  ElevationAxis axis;
-  axis.origin_mm = section.vector("origin_mm");
-  axis.direction = unit_vector_of(section, "direction");
-  if (const double up = axis.direction.z(); std::abs(up) > kMostOffNominal) {
-    section.refuse(section.node("direction"), "direction",
-                   "has z = " + number_text(up) +
-                       ", more than 45 degrees from horizontal, so that it cannot raise the head; calibrate the "
-                       "elevation axis again");
-  }
-  axis.u_direction_rad = section.uncertainty("u_direction_rad");
-  axis.u_origin_mm = section.uncertainty("u_origin_mm");
-  axis.scale = section.positive("scale");
-  section.finish();
-  return axis;
-}
-
-LiftAxis lift_of(Section& root) {
-  Section section = root.section("lift");
-  LiftAxis axis;
-  axis.direction = unit_vector_of(section, "direction");
-  if (const double up = axis.direction.z(); up < kMostOffNominal) {
-    section.refuse(section.node("direction"), "direction",
-                   "has z = " + number_text(up) +
-                       ", more than 45 degrees from the rotary axis, so that it does not raise the table; calibrate "
-                       "the lift axis again");
-  }
-  axis.u_direction_rad = section.uncertainty("u_direction_rad");
-  axis.scale = section.positive("scale");
-  section.finish();
-  return axis;
-}
-
-RimTag rim_tag_of(Section section) {
-  RimTag tag;
-  tag.number = section.integer("number", 0, kTags - 1);
-  const std::vector<Eigen::Vector3d> corners = section.vectors("corners_mm", 4);
-  std::copy(corners.begin(), corners.end(), tag.corners_mm.begin());
-  const double side = (tag.corners_mm[1] - tag.corners_mm[0]).norm();
-  if (!(side >= kSmallestTag_mm)) {
-    section.refuse(section.node("corners_mm"), "corners_mm",
-                   "make a tag " + number_text(side) + " mm wide, less than " + number_text(kSmallestTag_mm) +
-                       " mm; calibrate again");
-  }
-  tag.u_mm = section.uncertainty("u_mm");
-  section.finish();
-  return tag;
-}
-
-std::vector<RimTag> rim_tags_of(Section& root, const std::string& name, bool newer) {
-  const toml::node& found = root.node("rim_tag");
-  const auto* tables = found.as_array();
-  if (tables == nullptr || tables->empty() || !tables->is_array_of_tables()) {
-    root.refuse(found, "rim_tag", "is " + value_text(found) + " and must be one or more tables [[rim_tag]]");
-  }
-  std::vector<RimTag> tags;
-  for (std::size_t i = 0; i < tables->size(); ++i) {
-    const std::string path = "rim_tag[" + std::to_string(i) + "]";
-    const toml::table& table = *tables->get(i)->as_table();
-    tags.push_back(rim_tag_of({table, name, path, newer}));
-    const int number = tags.back().number;
-    if (std::count_if(tags.begin(), tags.end(), [&](const RimTag& tag) { return tag.number == number; }) > 1) {
-      root.refuse(table, path + ".number", "is " + std::to_string(number) + ", which an earlier tag has; calibrate again");
-    }
-  }
-  return tags;
 }
 
 CalibrationCovariance covariance_of(Section& root, const Calibration& calibration) {
@@ -318,14 +237,6 @@ Calibration calibration_of(const toml::table& table, const std::string& name) {
   return out;
 }
 
-std::string measured_text(const Measured& m) {
-  return "{ value = " + number_text(m.value) + ", u = " + number_text(m.u) + " }";
-}
-
-std::string vector_text(const Eigen::Vector3d& v) {
-  return std::string("[").append(number_text(v.x())) + ", " + number_text(v.y()) + ", " + number_text(v.z()) + "]";
-}
-
 tl::unexpected<CalibrationError> error(std::string message) {
   return tl::unexpected(CalibrationError{std::move(message)});
 }
@@ -399,7 +310,7 @@ std::string format_calibration(const Calibration& calibration) {
   const CameraModel& camera = calibration.camera_model;
   std::string out =
       "# Celadon calibration; grammar: acquisition/CALIBRATION.md. mm, rad, ns, px; u: standard uncertainty.\n";
-  const auto line = [&](const char* key, const std::string& value) { out += std::string(key) + " = " + value + "\n"; };
+  const auto line = [&](const char* key, const std::string& value) { out += line_text(key, value); };
   line("format", quoted(kFormat));
   line("version", quoted(std::to_string(kMajor) + "." + std::to_string(kMinor)));
   line("machine", quoted(calibration.machine));
@@ -446,31 +357,9 @@ std::string format_calibration(const Calibration& calibration) {
   line("exposure_factor", measured_text(calibration.time.exposure_factor));
   line("line_time_ns", measured_text(calibration.time.line_time_ns));
 
-  if (calibration.elevation) {
-    const ElevationAxis& axis = *calibration.elevation;
-    out += "\n[elevation]\n";
-    line("origin_mm", vector_text(axis.origin_mm));
-    line("direction", vector_text(axis.direction));
-    line("u_direction_rad", number_text(axis.u_direction_rad));
-    line("u_origin_mm", number_text(axis.u_origin_mm));
-    line("scale", measured_text(axis.scale));
-  }
-  if (calibration.lift) {
-    const LiftAxis& axis = *calibration.lift;
-    out += "\n[lift]\n";
-    line("direction", vector_text(axis.direction));
-    line("u_direction_rad", number_text(axis.u_direction_rad));
-    line("scale", measured_text(axis.scale));
-  }
-
-  for (const RimTag& tag : calibration.rim_tags) {
-    out += "\n[[rim_tag]]\n";
-    line("number", std::to_string(tag.number));
-    out += "corners_mm = [\n";
-    for (const Eigen::Vector3d& corner : tag.corners_mm) out += "  " + vector_text(corner) + ",\n";
-    out += "]\n";
-    line("u_mm", number_text(tag.u_mm));
-  }
+  if (calibration.elevation) out += elevation_text(*calibration.elevation);
+  if (calibration.lift) out += lift_text(*calibration.lift);
+  for (const RimTag& tag : calibration.rim_tags) out += rim_tag_text(tag);
 
   if (calibration.covariance) {
     const CalibrationCovariance& covariance = *calibration.covariance;

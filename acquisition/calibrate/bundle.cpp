@@ -58,6 +58,11 @@ bool finite(const Estimate& estimate) {
   for (const PlaneEstimate& plane : estimate.planes) {
     if (!plane.normal_C.allFinite() || !std::isfinite(plane.distance_mm)) return false;
   }
+  if (estimate.elevation && !(estimate.elevation->direction_C.allFinite() && estimate.elevation->point_C.allFinite() &&
+                              std::isfinite(estimate.elevation->scale))) {
+    return false;
+  }
+  if (estimate.lift && !(estimate.lift->direction_C.allFinite() && std::isfinite(estimate.lift->scale))) return false;
   return estimate.camera[0] > 0 && estimate.camera[1] > 0 && estimate.pitch.allFinite() &&
          estimate.sag_mm.allFinite() &&
          (!estimate.axis || (estimate.axis->direction_C.allFinite() && estimate.axis->point_C.allFinite()));
@@ -118,6 +123,14 @@ SharedLayout::SharedLayout(const Estimate& estimate) {
     platter = size;
     size += 3;
   }
+  if (estimate.elevation) {
+    elevation = size;
+    size += 5;
+  }
+  if (estimate.lift) {
+    lift = size;
+    size += 3;
+  }
 }
 
 SharedInformation shared_information(const Observations& observations, const Estimate& estimate) {
@@ -129,6 +142,8 @@ SharedInformation shared_information(const Observations& observations, const Est
   if (layout.axis >= 0) column[parameters.axis.data()] = layout.axis;
   if (layout.turn >= 0) column[&parameters.turn] = layout.turn;
   if (layout.platter >= 0) column[parameters.platter.data()] = layout.platter;
+  if (layout.elevation >= 0) column[parameters.elevation.data()] = layout.elevation;
+  if (layout.lift >= 0) column[parameters.lift.data()] = layout.lift;
   for (std::size_t i = 0; i < parameters.planes.size(); ++i) column[parameters.planes[i].data()] = layout.planes[i];
 
   struct PoseBlock {

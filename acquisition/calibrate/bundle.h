@@ -19,7 +19,7 @@ tl::expected<Estimate, std::string> solve_bundle(const Observations& observation
 /// First columns of the blocks that all views share; -1 for those that an estimate does not have.
 struct SharedLayout {
   explicit SharedLayout(const Estimate& estimate);
-  int camera = 0, print = 9, axis = -1, turn = -1, platter = -1;
+  int camera = 0, print = 9, axis = -1, turn = -1, platter = -1, elevation = -1, lift = -1;
   std::vector<int> planes;
   int size = 0;
 };

@@ -9,6 +9,7 @@
 #include "acquisition/calibrate/initial_axis.h"
 #include "acquisition/calibrate/initial_camera.h"
 #include "acquisition/calibrate/initial_planes.h"
+#include "acquisition/calibrate/initial_stops.h"
 #include "acquisition/calibrate/outliers.h"
 #include "acquisition/calibrate/uncertainty.h"
 #include "acquisition/calibrate/verdicts.h"
@@ -40,7 +41,7 @@ void lower_origin(Estimate& estimate, const Observations& observations, double s
   double lowest = std::numeric_limits<double>::infinity();
   for (const ViewObservation& view : observations.views) {
     if (!view.used || !view.turned()) continue;
-    const Eigen::Isometry3d X_CB = pose_of(estimate, view);
+    const Eigen::Isometry3d X_CB = pose_at_zero(estimate, view);
     for (const CornerObservation& corner : view.corners) {
       const Eigen::Vector3d p_C = X_CB * Eigen::Vector3d(corner.p_mm.x(), corner.p_mm.y(), 0);
       lowest = std::min(lowest, axis.direction_C.dot(p_C - axis.point_C));
@@ -97,6 +98,26 @@ CalibrationCovariance covariance_in(const Calibration& calibration, const Uncert
   return out;
 }
 
+/// Elevation axis and lift in the scanner's frame, where they are known.
+void set_axes(const Estimate& estimate, const Uncertainty& uncertainty, Calibration& calibration) {
+  const Eigen::Isometry3d X_WC = calibration.axis.X_CW.inverse();
+  const SharedLayout& layout = uncertainty.layout();
+  if (estimate.elevation) {
+    ElevationAxis& axis = calibration.elevation.emplace();
+    axis.origin_mm = X_WC * estimate.elevation->point_C;
+    axis.direction = (X_WC.linear() * estimate.elevation->direction_C).normalized();
+    axis.u_direction_rad = uncertainty.worst_of_two(layout.elevation);
+    axis.u_origin_mm = uncertainty.worst_of_two(layout.elevation + 2);
+    axis.scale = {estimate.elevation->scale, uncertainty.of(layout.elevation + 4)};
+  }
+  if (estimate.lift) {
+    LiftAxis& axis = calibration.lift.emplace();
+    axis.direction = (X_WC.linear() * estimate.lift->direction_C).normalized();
+    axis.u_direction_rad = uncertainty.worst_of_two(layout.lift);
+    axis.scale = {estimate.lift->scale, uncertainty.of(layout.lift + 2)};
+  }
+}
+
 Calibration calibration_of(const CalibrationInput& input, const Estimate& estimate, const Uncertainty& uncertainty) {
   Calibration out;
   CameraModel& camera = out.camera_model;
@@ -127,6 +148,7 @@ Calibration calibration_of(const CalibrationInput& input, const Estimate& estima
   out.direction = estimate.axis->turn < 0 ? -1 : 1;
   out.scale = {1, uncertainty.scale()};
   out.systematic_mm = uncertainty.radius(Uncertainty::Scale::included);
+  set_axes(estimate, uncertainty, out);
   out.covariance = covariance_in(out, uncertainty);
   return out;
 }
@@ -147,7 +169,9 @@ tl::expected<CalibrationSolution, std::string> solve_calibration(const Calibrati
         "no placement of the board on the platter was seen at two angles a degree and more apart, so nothing shows the "
         "axis; stand the board on the platter and turn the table between views"));
   }
+  const std::vector<Eigen::Isometry3d> own_X_CB = estimate->X_CB;
   gather_placements(*estimate, *observations);
+  initial_stops(own_X_CB, *estimate, *observations);
   initial_planes(*estimate, *observations);
   initial_platter(*estimate, *observations);
   estimate = solve_with_outliers(*observations, *estimate);
@@ -159,7 +183,10 @@ tl::expected<CalibrationSolution, std::string> solve_calibration(const Calibrati
   CalibrationSolution out;
   out.calibration = calibration_of(input, solved, uncertainty);
   set_figures(*observations, out);
-  out.held_out_rms_px = held_out_rms_px(*observations, solved);
+  const HeldOutErrors held_out = held_out_errors(*observations, solved);
+  out.held_out_rms_px = held_out.corner_px;
+  out.held_out_raised_px = held_out.raised_px;
+  out.held_out_lifted_px = held_out.lifted_px;
   out.left_out = left_out(*observations);
   out.names = uncertainty.names();
   out.covariance = uncertainty.covariance();

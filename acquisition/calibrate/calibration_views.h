@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "acquisition/axis_stop.h"
 #include "acquisition/calibrate/board_finder.h"
 #include "acquisition/calibrate/target_board.h"
 #include "acquisition/calibration.h"
@@ -28,9 +29,10 @@ struct BoardView {
   std::vector<SeenCorner> corners;
   std::vector<SeenLine> lines;  ///< with the board in the same pose
   /// kHeld: the board is somewhere. From 0 on: it stands on the platter; views of one placement differ by the table's
-  /// angle alone.
+  /// angle and the stop alone.
   int placement = kHeld;
   double encoder_rad = 0;  ///< unwrapped
+  AxisStop stop;           ///< of a board on the platter: what the axes beside the table read
 };
 
 struct CalibrationInput {

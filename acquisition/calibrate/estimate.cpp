@@ -8,6 +8,20 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+namespace {
+
+/// Upward across a direction, and direction x upward; any two where the direction is upward itself.
+Tangents upward_and_across(const Vector3d& direction, const Vector3d& up) {
+  const Vector3d upward = up - direction * direction.dot(up);
+  if (upward.norm() < 1e-6) return tangents_across(direction);
+  Tangents out;
+  out.col(0) = upward.normalized();
+  out.col(1) = direction.cross(out.col(0));
+  return out;
+}
+
+}  // namespace
+
 MovedDirection moved_direction(const Vector3d& d0, const Tangents& tangents, const double* t) {
   const Vector3d raw = d0 + tangents * Vector2d(t[0], t[1]);
   const double length = raw.norm();
@@ -26,6 +40,8 @@ Parameters::Parameters(const Estimate& about)
     : camera(about.camera),
       print{about.pitch.x(), about.pitch.y(), about.sag_mm.x(), about.sag_mm.y(), about.sag_mm.z()} {
   if (about.axis) turn = about.axis->turn;
+  if (about.elevation) elevation[4] = about.elevation->scale;
+  if (about.lift) lift[2] = about.lift->scale;
   if (about.platter) platter = {about.platter->height_mm, about.platter->slope.x(), about.platter->slope.y()};
   planes.assign(about.planes.size(), {});
   poses.assign(about.X_CB.size(), {});
@@ -42,6 +58,16 @@ Estimate Parameters::moved(const Estimate& about) const {
     out.axis->turn = turn;
   }
   if (out.platter) out.platter = PlatterEstimate{platter[0], {platter[1], platter[2]}};
+  if (out.elevation) {
+    const ElevationEstimate& at = *about.elevation;
+    out.elevation->direction_C = moved_direction(at.direction_C, at.across_C, elevation.data()).d;
+    out.elevation->point_C += at.across_C * Vector2d(elevation[2], elevation[3]);
+    out.elevation->scale = elevation[4];
+  }
+  if (out.lift) {
+    out.lift->direction_C = moved_direction(about.lift->direction_C, about.lift->across_C, lift.data()).d;
+    out.lift->scale = lift[2];
+  }
   for (std::size_t i = 0; i < planes.size(); ++i) {
     PlaneEstimate& plane = out.planes[i];
     plane.normal_C = moved_direction(plane.normal_C, plane.tangents_C, planes[i].data()).d;
@@ -58,6 +84,19 @@ Estimate Parameters::moved(const Estimate& about) const {
       out.X_CB[i].linear() = Eigen::Quaterniond(R).normalized().toRotationMatrix();
     }
     out.X_CB[i].translation() += shifted;
+  }
+  return out;
+}
+
+Eigen::Isometry3d seen_from_stop(const Estimate& estimate, const AxisStop& stop) {
+  Eigen::Isometry3d out = Eigen::Isometry3d::Identity();
+  if (estimate.lift && stop.lift_mm != 0) {
+    out.translation() = estimate.lift->scale * stop.lift_mm * estimate.lift->direction_C;
+  }
+  if (estimate.elevation && stop.elevation_rad != 0) {
+    const ElevationEstimate& axis = *estimate.elevation;
+    out = Eigen::Translation3d(axis.point_C) * Eigen::AngleAxisd(-axis.scale * stop.elevation_rad, axis.direction_C) *
+          Eigen::Translation3d(-axis.point_C) * out;
   }
   return out;
 }
@@ -98,15 +137,20 @@ Estimate anchored(const Estimate& estimate) {
   out.axis->point_C = X_CW.translation();
   const Vector3d up = X_CW.linear().col(2);
   for (PlaneEstimate& plane : out.planes) {
-    const Vector3d n = plane.normal_C, in_plane = up - n * n.dot(up);
+    const Vector3d n = plane.normal_C;
     plane.anchor_C = X_CW.translation() + n * (plane.distance_mm - n.dot(X_CW.translation()));
-    if (in_plane.norm() > 1e-6) {
-      plane.tangents_C.col(0) = in_plane.normalized();
-      plane.tangents_C.col(1) = n.cross(plane.tangents_C.col(0));
-    } else {
-      plane.tangents_C = tangents_across(n);
+    plane.tangents_C = upward_and_across(n, up);
+  }
+  if (out.elevation) {
+    ElevationEstimate& axis = *out.elevation;
+    axis.across_C = upward_and_across(axis.direction_C, up);
+    // Along the line, to where its distance from the rotary axis, seen from above, is smallest.
+    const Vector3d level = axis.direction_C - up * up.dot(axis.direction_C);
+    if (level.norm() > 1e-6) {
+      axis.point_C -= axis.direction_C * level.dot(axis.point_C - X_CW.translation()) / level.squaredNorm();
     }
   }
+  if (out.lift) out.lift->across_C = across;
   return out;
 }
 

@@ -6,6 +6,7 @@
 #include <optional>
 #include <vector>
 
+#include "acquisition/axis_stop.h"
 #include "acquisition/calibrate/camera_projection.h"
 
 namespace celadon::calibrate {
@@ -36,6 +37,22 @@ struct PlatterEstimate {
   Eigen::Vector2d slope = Eigen::Vector2d::Zero();
 };
 
+/// The line about which the head turns, where it is for a head at reading 0: varied as direction + across u
+/// (normalised), point + across w.
+struct ElevationEstimate {
+  Eigen::Vector3d direction_C = Eigen::Vector3d::UnitX();  ///< right-handed for rising readings
+  Eigen::Vector3d point_C = Eigen::Vector3d::Zero();
+  Tangents across_C = Tangents::Zero();
+  double scale = 1;  ///< true angle / reading
+};
+
+/// The way of the lift for a head at reading 0: varied as direction + across u (normalised).
+struct LiftEstimate {
+  Eigen::Vector3d direction_C = Eigen::Vector3d::UnitZ();  ///< for rising readings
+  Tangents across_C = Tangents::Zero();
+  double scale = 1;  ///< true height / reading
+};
+
 struct Estimate {
   CameraParameters camera{};
   Eigen::Vector2d pitch = Eigen::Vector2d::Ones();  ///< true / nominal length of the print along its x and y
@@ -45,8 +62,14 @@ struct Estimate {
   std::optional<AxisEstimate> axis;
   std::vector<PlaneEstimate> planes;
   std::optional<PlatterEstimate> platter;
-  std::vector<Eigen::Isometry3d> X_CB;  ///< of each held view, of each placement at its reference angle
+  std::optional<ElevationEstimate> elevation;
+  std::optional<LiftEstimate> lift;
+  std::vector<Eigen::Isometry3d> X_CB;  ///< of each held view, of each placement at its reference angle and stop 0
 };
+
+/// Where the head at a stop sees, in its own frame, what is at p_C for the head and the table at 0: equation (12).
+/// An axis that the estimate does not have stands still.
+Eigen::Isometry3d seen_from_stop(const Estimate& estimate, const AxisStop& stop);
 
 /// X^2, X Y, Y^2 of a place of the print, nominal, in units of the board's radius.
 inline Eigen::Vector3d sag_shape(const Eigen::Vector2d& p_mm, double board_radius_mm) {
@@ -81,6 +104,8 @@ struct Parameters {
   std::array<double, 4> axis{};
   double turn = 1;
   std::array<double, 3> platter{};
+  std::array<double, 5> elevation{};  ///< tilts, shifts, scale
+  std::array<double, 3> lift{};       ///< tilts, scale
   std::vector<std::array<double, 3>> planes;
   std::vector<std::array<double, 6>> poses;  ///< rotation vector on the left, then translation
 };
@@ -90,7 +115,8 @@ struct Parameters {
 Eigen::Isometry3d scanner_frame(const Estimate& estimate);
 
 /// The same estimate with its charts about the scanner frame: axis point = origin, across = x and y; plane anchors =
-/// feet of the origin, tangents = upward in the plane, and normal x upward.
+/// feet of the origin, tangents = upward in the plane, and normal x upward; elevation axis: the point nearest to the
+/// rotary axis, across = upward, and direction x upward; lift: across = x and y.
 Estimate anchored(const Estimate& estimate);
 
 }  // namespace celadon::calibrate

@@ -36,11 +36,11 @@ double middle_of(std::vector<double> values) {
   return *middle;
 }
 
-/// Used views of each placement in the encoder's order.
+/// Used views of each placement in the encoder's order, of those with head and lift at 0.
 std::map<int, std::vector<const ViewObservation*>> placements_of(const Observations& observations) {
   std::map<int, std::vector<const ViewObservation*>> out;
   for (const ViewObservation& view : observations.views) {
-    if (view.used && view.turned()) out[view.placement].push_back(&view);
+    if (view.used && view.turned() && view.at_zero()) out[view.placement].push_back(&view);
   }
   for (auto& [placement, views] : out) {
     std::stable_sort(views.begin(), views.end(),

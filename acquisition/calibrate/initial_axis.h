@@ -7,14 +7,14 @@
 
 namespace celadon::calibrate {
 
-/// What the placements' views show of the axis; pointing upward in the picture.
+/// What the placements' views with head and lift at 0 show of the axis; pointing upward in the picture.
 /// @param estimate a pose for each view
 /// @return nothing if no two used views of one placement differ by a degree
 /// Views of one placement that follow each other in the encoder's order must lie less than half a turn apart.
 std::optional<AxisEstimate> initial_axis(const Estimate& estimate, const Observations& observations);
 
-/// Makes one pose of those of each placement's views: the one that most of them agree with. Sets pose and angle_rad of
-/// all its views.
+/// Makes one pose of those of each placement's views with head and lift at 0: the one that most of them agree with.
+/// Sets pose and angle_rad of all its views.
 /// @pre estimate.axis, and a pose for each view
 void gather_placements(Estimate& estimate, Observations& observations);
 

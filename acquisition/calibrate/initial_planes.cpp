@@ -144,7 +144,7 @@ void initial_platter(Estimate& estimate, const Observations& observations) {
   if (heights.empty()) return;
   for (const ViewObservation& view : observations.views) {
     if (!view.used || !view.turned()) continue;
-    boards.push_back(axis.direction_C.dot(pose_of(estimate, view).translation() - axis.point_C));
+    boards.push_back(axis.direction_C.dot(pose_at_zero(estimate, view).translation() - axis.point_C));
   }
   double height = middle_height(heights);
   if (!boards.empty() && middle_height(boards) < height) {

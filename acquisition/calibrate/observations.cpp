@@ -59,6 +59,10 @@ tl::expected<Observations, std::string> arrange(const CalibrationInput& input) {
     if (!std::isfinite(seen.encoder_rad)) {
       return tl::unexpected("the encoder angle of " + where + " is not finite; leave the view out");
     }
+    view.stop = seen.stop;
+    if (!std::isfinite(seen.stop.elevation_rad) || !std::isfinite(seen.stop.lift_mm)) {
+      return tl::unexpected("what head or lift read in " + where + " is not finite; leave the view out");
+    }
     for (const SeenCorner& corner : seen.corners) {
       const auto place = places.find(corner.id);
       if (place == places.end()) {
@@ -88,12 +92,17 @@ tl::expected<Observations, std::string> arrange(const CalibrationInput& input) {
   return out;
 }
 
-Eigen::Isometry3d pose_of(const Estimate& estimate, const ViewObservation& view) {
+Eigen::Isometry3d pose_at_zero(const Estimate& estimate, const ViewObservation& view) {
   const Eigen::Isometry3d& X_CB = estimate.X_CB[static_cast<std::size_t>(view.pose)];
   if (!view.turned() || !estimate.axis) return X_CB;
   const AxisEstimate& axis = *estimate.axis;
   const Eigen::AngleAxisd turn(axis.turn * view.angle_rad, axis.direction_C);
   return Eigen::Translation3d(axis.point_C) * turn * Eigen::Translation3d(-axis.point_C) * X_CB;
+}
+
+Eigen::Isometry3d pose_of(const Estimate& estimate, const ViewObservation& view) {
+  const Eigen::Isometry3d X_CB = pose_at_zero(estimate, view);
+  return view.turned() ? seen_from_stop(estimate, view.stop) * X_CB : X_CB;
 }
 
 void update_residuals(const Estimate& estimate, Observations& observations) {

@@ -2,6 +2,7 @@
 // What was seen, arranged for the bundle: each corner and line point with its weight and its residual.
 
 #include <Eigen/Core>
+#include <cmath>
 #include <string>
 #include <vector>
 
@@ -35,17 +36,25 @@ struct LineObservation {
   std::vector<PointObservation> points;
 };
 
+/// What an axis that was sent to 0 may read.
+constexpr double kAtZero_rad = 1e-3, kAtZero_mm = 0.05;
+
 struct ViewObservation {
   int view = 0;        ///< in the input
   int placement = -1;  ///< -1: held
   int pose = 0;        ///< in Estimate::X_CB
   double encoder_rad = 0;
   double angle_rad = 0;  ///< encoder angle from the placement's reference
+  AxisStop stop;
   bool used = true;
   std::vector<CornerObservation> corners;
   std::vector<LineObservation> lines;
 
   bool turned() const { return placement >= 0; }
+  bool raised() const { return turned() && std::abs(stop.elevation_rad) > kAtZero_rad; }
+  bool lifted() const { return turned() && std::abs(stop.lift_mm) > kAtZero_mm; }
+  /// Head and lift stood where the rest of the machine is calibrated.
+  bool at_zero() const { return !raised() && !lifted(); }
 };
 
 struct Observations {
@@ -60,7 +69,9 @@ struct Observations {
 /// deviation that is not positive.
 tl::expected<Observations, std::string> arrange(const CalibrationInput& input);
 
-/// Pose of the board in the camera frame.
+/// Pose that the board has, or would have, in the camera frame with head and lift at 0.
+Eigen::Isometry3d pose_at_zero(const Estimate& estimate, const ViewObservation& view);
+/// Pose of the board in the camera frame, where the head stood.
 Eigen::Isometry3d pose_of(const Estimate& estimate, const ViewObservation& view);
 
 /// Fills residual and distance_mm of every observation that has a pose and a plane, used or not.

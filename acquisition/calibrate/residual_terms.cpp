@@ -1,13 +1,12 @@
-// Formulas: README.md, (1) to (7).
+// Formulas: README.md, (1) to (7) and (12).
 #include "acquisition/calibrate/residual_terms.h"
 
-#include <ceres/jet.h>
 #include <ceres/normal_prior.h>
-#include <ceres/rotation.h>
 
 #include <cmath>
 
 #include "acquisition/calibrate/line_distance.h"
+#include "acquisition/calibrate/view_pose.h"
 
 namespace celadon::calibrate {
 namespace {
@@ -16,80 +15,12 @@ using Eigen::Vector3d;
 using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using JacobianMap = Eigen::Map<Rows>;
 
-/// Pose of a view with its derivatives by the numbers that it depends on: 6 of its own, and for a turned view 4 of the
-/// axis and the turn.
-class ViewPose {
- public:
-  static constexpr int kOwn = 6, kAxis = 4, kAll = 11;
-  struct Value {
-    Eigen::Matrix3d R;
-    Vector3d t;
-    Eigen::Matrix<double, 9, kAll> R_by;  ///< column after column of R
-    Eigen::Matrix<double, 3, kAll> t_by;
-  };
-
-  ViewPose(const Estimate& estimate, const ViewObservation& view)
-      : X_CB_(estimate.X_CB[static_cast<std::size_t>(view.pose)]), turned_(view.turned() && estimate.axis) {
-    if (turned_) {
-      axis_ = *estimate.axis;
-      angle_rad_ = view.angle_rad;
-    }
-  }
-  bool turned() const { return turned_; }
-
-  /// @param blocks own (6), and if turned: axis (4), turn (1)
-  Value at(double const* const* blocks) const {
-    using Jet = ceres::Jet<double, kAll>;
-    using Vector = Eigen::Matrix<Jet, 3, 1>;
-    using Matrix = Eigen::Matrix<Jet, 3, 3>;
-    Jet x[kAll];
-    for (int i = 0; i < kOwn; ++i) x[i] = Jet(blocks[0][i], i);
-    Matrix moved;
-    ceres::AngleAxisToRotationMatrix(x, moved.data());
-    Matrix R = moved * X_CB_.linear().cast<Jet>();
-    Vector t = X_CB_.translation().cast<Jet>() + Vector(x[3], x[4], x[5]);
-    if (turned_) {
-      for (int i = 0; i < kAxis; ++i) x[kOwn + i] = Jet(blocks[1][i], kOwn + i);
-      x[kAll - 1] = Jet(blocks[2][0], kAll - 1);
-      const Eigen::Matrix<Jet, 3, 2> across = axis_.across_C.cast<Jet>();
-      Vector direction = axis_.direction_C.cast<Jet>() + across * Eigen::Matrix<Jet, 2, 1>(x[6], x[7]);
-      direction /= sqrt(direction.squaredNorm());
-      const Vector point = axis_.point_C.cast<Jet>() + across * Eigen::Matrix<Jet, 2, 1>(x[8], x[9]);
-      const Vector about = direction * (x[kAll - 1] * angle_rad_);
-      Matrix turn;
-      ceres::AngleAxisToRotationMatrix(about.data(), turn.data());
-      R = (turn * R).eval();
-      t = (turn * (t - point) + point).eval();
-    }
-    Value out;
-    for (int i = 0; i < 9; ++i) {
-      out.R.data()[i] = R.data()[i].a;
-      out.R_by.row(i) = R.data()[i].v.transpose();
-    }
-    for (int i = 0; i < 3; ++i) {
-      out.t[i] = t[i].a;
-      out.t_by.row(i) = t[i].v.transpose();
-    }
-    return out;
-  }
-
-  /// Writes d residual / d blocks, given d residual / d (the 11 numbers).
-  void spread(const Rows& by, double** jacobians) const {
-    const auto write = [&](int block, int first, int size) {
-      if (jacobians[block] != nullptr) JacobianMap(jacobians[block], by.rows(), size) = by.middleCols(first, size);
-    };
-    write(0, 0, kOwn);
-    if (!turned_) return;
-    write(1, kOwn, kAxis);
-    write(2, kAll - 1, 1);
-  }
-
- private:
-  Eigen::Isometry3d X_CB_;
-  bool turned_ = false;
-  AxisEstimate axis_;
-  double angle_rad_ = 0;
-};
+/// The sizes of a term's blocks: its own, then those of the view's pose.
+std::vector<int> with_pose_blocks(std::vector<int> sizes, const ViewPose& pose) {
+  const std::vector<int> of_pose = pose.block_sizes();
+  sizes.insert(sizes.end(), of_pose.begin(), of_pose.end());
+  return sizes;
+}
 
 // Numbers of the groups that may err together: kinds are apart by a million.
 constexpr int kKind = 1'000'000;
@@ -106,7 +37,7 @@ int place_on_sheet(int laser, const Eigen::Vector2d& p_px) {
   return (laser + 1) * kKind + part_of_picture(p_px);
 }
 
-/// Blocks: camera, print, pose [, axis, turn].
+/// Blocks: camera, print, those of the view's pose.
 class CornerTerm final : public ceres::CostFunction {
  public:
   CornerTerm(const Estimate& estimate, const ViewObservation& view) : pose_(estimate, view) {
@@ -116,8 +47,7 @@ class CornerTerm final : public ceres::CostFunction {
       shapes_.push_back(sag_shape(corner.p_mm, estimate.board_radius_mm));
     }
     set_num_residuals(2 * static_cast<int>(corners_.size()));
-    *mutable_parameter_block_sizes() = {9, 5, ViewPose::kOwn};
-    if (pose_.turned()) mutable_parameter_block_sizes()->insert(parameter_block_sizes().end(), {ViewPose::kAxis, 1});
+    *mutable_parameter_block_sizes() = with_pose_blocks({9, 5}, pose_);
   }
 
   std::vector<Origin> origins(int view) const {
@@ -131,7 +61,7 @@ class CornerTerm final : public ceres::CostFunction {
   bool Evaluate(double const* const* blocks, double* residuals, double** jacobians) const override {
     const ViewPose::Value pose = pose_.at(blocks + 2);
     const Eigen::Index count = num_residuals();
-    Rows by_pose(jacobians != nullptr ? count : 0, ViewPose::kAll);
+    Rows by_pose(jacobians != nullptr ? count : 0, pose_.numbers());
     for (std::size_t i = 0; i < corners_.size(); ++i) {
       const CornerObservation& corner = corners_[i];
       const double x = blocks[1][0] * corner.p_mm.x(), y = blocks[1][1] * corner.p_mm.y();
@@ -173,8 +103,8 @@ struct WeightedPoint {
   double per_sigma;  ///< 1/px
 };
 
-/// Blocks: camera, plane, print, pose [, axis, turn]. Where on the board a point lies, for its sag, is taken from the
-/// estimate: it moves by micrometres.
+/// Blocks: camera, plane, print, those of the view's pose. Where on the board a point lies, for its sag, is taken from
+/// the estimate: it moves by micrometres.
 class LineTerm final : public ceres::CostFunction {
  public:
   LineTerm(const Estimate& estimate, const ViewObservation& view, const LineObservation& line)
@@ -188,8 +118,7 @@ class LineTerm final : public ceres::CostFunction {
       shapes_.push_back(on_board.shape);
     }
     set_num_residuals(static_cast<int>(points_.size()));
-    *mutable_parameter_block_sizes() = {9, 3, 5, ViewPose::kOwn};
-    if (pose_.turned()) mutable_parameter_block_sizes()->insert(parameter_block_sizes().end(), {ViewPose::kAxis, 1});
+    *mutable_parameter_block_sizes() = with_pose_blocks({9, 3, 5}, pose_);
   }
 
   std::vector<Origin> origins(int view) const {
@@ -206,7 +135,7 @@ class LineTerm final : public ceres::CostFunction {
     const double distance = normal.d.dot(plane_.anchor_C) + blocks[1][2];
     const Eigen::Map<const Vector3d> sag_mm(blocks[2] + 2);
     const Eigen::Index count = num_residuals();
-    Rows by_pose(jacobians != nullptr ? count : 0, ViewPose::kAll);
+    Rows by_pose(jacobians != nullptr ? count : 0, pose_.numbers());
     const Vector3d m = pose.R.col(2);
     for (std::size_t i = 0; i < points_.size(); ++i) {
       const auto& [p_px, per_sigma] = points_[i];
@@ -315,8 +244,7 @@ std::vector<Term> terms_of(const Observations& observations, const Estimate& est
   };
   for (const ViewObservation& view : observations.views) {
     if (!view.used) continue;
-    std::vector<double*> pose = {parameters.poses[static_cast<std::size_t>(view.pose)].data()};
-    if (view.turned() && estimate.axis) pose.insert(pose.end(), {parameters.axis.data(), &parameters.turn});
+    const std::vector<double*> pose = ViewPose(estimate, view).blocks_of(parameters, view.pose);
     const auto with_pose = [&](std::vector<double*> blocks) {
       blocks.insert(blocks.end(), pose.begin(), pose.end());
       return blocks;

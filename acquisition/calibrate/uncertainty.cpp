@@ -1,10 +1,11 @@
-// Formulas: README.md, (8) to (10).
+// Formulas: README.md, (8) to (10), (13).
 #include "acquisition/calibrate/uncertainty.h"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
+#include "acquisition/calibrate/frame_change.h"
 #include "acquisition/calibrate/line_distance.h"
 
 namespace celadon::calibrate {
@@ -60,6 +61,8 @@ Uncertainty::Uncertainty(const Estimate& estimate, SharedInformation information
     information_.covariance.row(layout_.turn) *= -1;
     information_.covariance.col(layout_.turn) *= -1;
   }
+  const Eigen::MatrixXd by_estimated = in_scanner_frame(estimate, layout_);
+  information_.covariance = by_estimated * information_.covariance * by_estimated.transpose();
   RowVectorXd common = RowVectorXd::Zero(layout_.size);
   common.segment<2>(layout_.print) = 0.5 * estimate.pitch.cwiseInverse().transpose();
   const Eigen::VectorXd with_scale = information_.covariance * common.transpose();
@@ -82,6 +85,11 @@ std::vector<std::string> Uncertainty::names() const {
     put(layout_.planes[i], {laser + ".tilt_up_rad", laser + ".tilt_across_rad", laser + ".offset_mm"});
   }
   if (layout_.platter >= 0) put(layout_.platter, {"platter.height_mm", "platter.slope_x", "platter.slope_y"});
+  if (layout_.elevation >= 0) {
+    put(layout_.elevation, {"elevation.tilt_up_rad", "elevation.tilt_across_rad", "elevation.up_mm",
+                            "elevation.across_mm", "elevation.scale"});
+  }
+  if (layout_.lift >= 0) put(layout_.lift, {"lift.tilt_x_rad", "lift.tilt_y_rad", "lift.scale"});
   return out;
 }
 
@@ -95,8 +103,8 @@ double Uncertainty::of(int parameter, Scale scale) const {
   return std::sqrt(std::max(0.0, covariance(scale)(parameter, parameter)));
 }
 
-double Uncertainty::worst_of_two(int first) const {
-  return worst_direction(information_.covariance.block<2, 2>(first, first));
+double Uncertainty::worst_of_two(int first, Scale scale) const {
+  return worst_direction(covariance(scale).block<2, 2>(first, first));
 }
 
 double Uncertainty::plane_distance(std::size_t plane) const {
@@ -159,7 +167,7 @@ double Uncertainty::axis_from_plane(std::size_t plane, Scale scale) const {
 }
 
 double Uncertainty::axis_place(Scale scale) const {
-  return worst_direction(covariance(scale).block<2, 2>(layout_.axis + 2, layout_.axis + 2));
+  return worst_of_two(layout_.axis + 2, scale);
 }
 
 }  // namespace celadon::calibrate

@@ -24,7 +24,8 @@ class Uncertainty {
   Uncertainty(const Estimate& estimate, SharedInformation information, std::vector<VolumePoint> volume);
 
   const SharedLayout& layout() const { return layout_; }
-  /// The encoder's scale in the place of the turn; multiplied by inflation()^2.
+  /// Of the numbers of CALIBRATION.md: the encoder's scale in the place of the turn, elevation axis and lift in the
+  /// scanner's frame; multiplied by inflation()^2.
   const Eigen::MatrixXd& covariance() const { return information_.covariance; }
   const SharedInformation& information() const { return information_; }
   std::vector<std::string> names() const;
@@ -33,13 +34,13 @@ class Uncertainty {
   /// Standard uncertainty of the length of everything, relative.
   double scale() const;
 
-  /// Standard deviation in the worst direction of two neighbouring parameters.
-  double worst_of_two(int first) const;
   double plane_distance(std::size_t plane) const;
 
   // What follows can be had with the uncertainty of the scale, and as if the scale were known.
   enum class Scale { included, known };
   double of(int parameter, Scale scale = Scale::included) const;
+  /// Standard deviation in the worst direction of two neighbouring parameters.
+  double worst_of_two(int first, Scale scale = Scale::included) const;
   /// Of a radius measured by a laser, the largest over the volume; 0 without lines.
   double radius(Scale scale) const;
   /// Of the plane's place, across it, the largest over the volume.

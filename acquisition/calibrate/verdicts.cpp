@@ -9,6 +9,7 @@
 #include <set>
 
 #include "acquisition/calibrate/step_judge.h"
+#include "acquisition/calibrate/stop_verdicts.h"
 #include "acquisition/lens.h"
 
 namespace celadon::calibrate {
@@ -194,7 +195,7 @@ Motions motions_of(const Observations& observations, const Estimate& estimate) {
   Motions out;
   std::map<int, std::pair<double, double>> spans;
   for (const ViewObservation& view : observations.views) {
-    if (!view.used || !view.turned()) continue;
+    if (!view.used || !view.turned() || !view.at_zero()) continue;
     ++out.views;
     const auto [at, first] = spans.try_emplace(view.placement, view.encoder_rad, view.encoder_rad);
     if (first) continue;
@@ -300,6 +301,9 @@ std::vector<CalibrationStep> judge(const CalibrationInput& input, const Observat
   steps.push_back(judge_encoder(observations, estimate, uncertainty));
   steps.push_back(judge_scale(input, estimate, uncertainty));
   steps.push_back(judge_platter(estimate, observations, uncertainty));
+  for (CalibrationStep& step : judge_stops(observations, estimate, uncertainty, solution)) {
+    steps.push_back(std::move(step));
+  }
   return steps;
 }
 

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <functional>
 #include <numbers>
+#include <optional>
 #include <random>
 #include <vector>
 
@@ -47,6 +48,17 @@ struct TrueMachine {
   };
   std::vector<Sheet> sheets;
   double encoder_scale = 1.0008, direction = 1;
+  /// The head turns about a line, the lift moves the table; given in the scanner's frame, as CALIBRATION.md has them.
+  struct Elevation {
+    Eigen::Vector3d origin_W, direction_W;
+    double scale;
+  };
+  struct Lift {
+    Eigen::Vector3d direction_W;
+    double scale;
+  };
+  std::optional<Elevation> elevation;
+  std::optional<Lift> lift;
   Eigen::Vector2d pitch{1, 1};
   Eigen::Vector2d platter_slope{0, 0};
 
@@ -65,6 +77,14 @@ struct TrueMachine {
           laser, {-std::sin(azimuth) * std::cos(tilt), std::cos(azimuth) * std::cos(tilt), std::sin(tilt)}, offset};
     };
     sheets = {sheet(0, 0, 0.13, 0.004), sheet(1, 2 * kBeside, -0.21, -0.003)};
+  }
+
+  /// Across the camera's view through (0, 0, 58) and upward, both but for errors as machines have them.
+  void add_head_and_lift() {
+    const Eigen::Vector3d along(0.5, -std::cos(30 * kDegree), 0), across(std::cos(30 * kDegree), 0.5, 0);
+    elevation = Elevation{{0.31, -0.17, 58.4}, (along + Eigen::Vector3d(0.002, 0.001, -0.0025)).normalized(), 1.0007};
+    elevation->origin_W += 0.2 * across;
+    lift = Lift{Eigen::Vector3d(0.0015, -0.0011, 1).normalized(), 0.9996};
   }
 
   Eigen::Vector2d project(const Eigen::Vector3d& cold_C) const {
@@ -97,6 +117,20 @@ struct TrueMachine {
     return motion * Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ());
   }
   Eigen::Isometry3d turned(double encoder_rad) const { return X_CW * table_at(encoder_rad); }
+  /// The same from a stop: p_camera = X_CS R_E(e)^-1 (R_z(theta) p_W + lift.scale h lift.direction).
+  Eigen::Isometry3d turned(double encoder_rad, const AxisStop& stop) const {
+    Eigen::Isometry3d X = table_at(encoder_rad);
+    if (lift) X.pretranslate(lift->scale * stop.lift_mm * lift->direction_W);
+    if (elevation) {
+      const Eigen::Matrix3d R =
+          Eigen::AngleAxisd(elevation->scale * stop.elevation_rad, elevation->direction_W).toRotationMatrix();
+      Eigen::Isometry3d head = Eigen::Isometry3d::Identity();
+      head.linear() = R;
+      head.translation() = elevation->origin_W - R * elevation->origin_W;
+      X = head.inverse() * X;
+    }
+    return X_CW * X;
+  }
   /// How far the sheet is out of its plane at a place of the scanner frame, along the plane's normal.
   double sheet_bow_mm(const Eigen::Vector3d& p_W) const {
     return beyond.sheet_bow_per_mm * p_W.head<2>().squaredNorm();
@@ -227,6 +261,8 @@ struct Programme {
   int board_views = 25, laser_views = 40, placements = 3, angles = 24;
   double angle_step_rad = 5 * kDegree, largest_lean_rad = 40 * kDegree, line_step_mm = 0.28;
   bool platter = true;
+  /// Readings that each placement is seen at, too, one axis at a time; placements differ by a share of the distance.
+  std::vector<double> elevations_rad = {}, lifts_mm = {};
 };
 
 /// What is seen of a machine; poses and noise from the seed.
@@ -257,17 +293,38 @@ inline CalibrationInput seen_of(const TrueMachine& machine, std::uint64_t seed, 
   };
   for (int i = 0; i < programme.board_views; ++i) held(false);
   for (int i = 0; i < programme.laser_views; ++i) held(true);
+  struct Placement {
+    int number;
+    double middle_rad;
+    Eigen::Isometry3d X_WB;
+  };
+  std::vector<Placement> placements;
   for (int placement = 0; placement < programme.placements; ++placement) {
     const double middle = viewer.uniform(-1, 1);  // encoder angle at which the board faces the camera
     const Eigen::Isometry3d X_WB =
         viewer.standing(30 * kDegree - machine.direction * machine.encoder_scale * middle, viewer.uniform(0.1, 0.35),
                         viewer.uniform(42, 60), {viewer.uniform(-20, 20), viewer.uniform(-20, 20)});
+    placements.push_back({placement, middle, X_WB});
     for (int k = 0; k < programme.angles; ++k) {
       warm();
       BoardView view;
       view.placement = placement;
       view.encoder_rad = middle + (k - 0.5 * (programme.angles - 1)) * programme.angle_step_rad;
       view.corners = viewer.corners(machine.turned(view.encoder_rad) * X_WB);
+      input.views.push_back(std::move(view));
+    }
+  }
+  for (const Placement& placed : placements) {
+    std::vector<AxisStop> stops;
+    for (double e : programme.elevations_rad) stops.push_back({e + 0.02 * placed.number, 0});
+    for (double h : programme.lifts_mm) stops.push_back({0, h + 0.9 * placed.number});
+    for (std::size_t k = 0; k < stops.size(); ++k) {
+      warm();
+      BoardView view;
+      view.placement = placed.number;
+      view.encoder_rad = placed.middle_rad + (static_cast<double>(k % 3) - 1) * 15 * kDegree;
+      view.stop = stops[k];
+      view.corners = viewer.corners(machine.turned(view.encoder_rad, view.stop) * placed.X_WB);
       input.views.push_back(std::move(view));
     }
   }
@@ -313,7 +370,31 @@ inline Eigen::VectorXd errors_of(const CalibrationSolution& solution, const True
     }
   }
   // The platter's height on the axis, from the solved origin; the calibration holds no slope.
-  if (out.size() < solution.names.size()) out.insert(out.end(), {-true_in_solved.translation().z(), 0, 0});
+  const bool axes = c.elevation || c.lift;
+  if (out.size() + (c.elevation ? 5u : 0u) + (c.lift ? 3u : 0u) < solution.names.size()) {
+    out.insert(out.end(), {-true_in_solved.translation().z(), 0, 0});
+  }
+  if (axes) {
+    // The solved frame carried onto the true axis by the smallest turn, its origin to where the platter truly is: there
+    // CALIBRATION.md compares elevation axis and lift.
+    const Eigen::Matrix3d onto = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), direction).matrix();
+    const auto true_direction = [&](const Eigen::Vector3d& d_W) {
+      return Eigen::Vector3d(onto.transpose() * true_in_solved.linear() * d_W);
+    };
+    if (c.elevation && machine.elevation) {
+      const Eigen::Vector3d d = c.elevation->direction, o = c.elevation->origin_mm;
+      const Eigen::Vector3d u = (Eigen::Vector3d::UnitZ() - d * d.z()).normalized(), v = d.cross(u);
+      const Eigen::Vector3d e = true_direction(machine.elevation->direction_W);
+      Eigen::Vector3d at_true = onto.transpose() * (true_in_solved * machine.elevation->origin_W - origin);
+      at_true += e * (d.dot(o - at_true) / d.dot(e));  // where the true line passes the solved point
+      out.insert(out.end(), {-u.dot(e), -v.dot(e), u.dot(o - at_true), v.dot(o - at_true),
+                             c.elevation->scale.value - machine.elevation->scale});
+    }
+    if (c.lift && machine.lift) {
+      const Eigen::Vector3d l = true_direction(machine.lift->direction_W), s = c.lift->direction;
+      out.insert(out.end(), {s.x() - l.x(), s.y() - l.y(), c.lift->scale.value - machine.lift->scale});
+    }
+  }
   return Eigen::Map<Eigen::VectorXd>(out.data(), static_cast<Eigen::Index>(out.size()));
 }
 
