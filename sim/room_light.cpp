@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <numbers>
+#include <optional>
 
 #include "sim/rotation.h"
 
@@ -48,18 +50,31 @@ void blur(float* line, int count, std::ptrdiff_t step, const std::vector<float>&
 
 RoomLight::RoomLight(const OpticsConfig& config)
     : config_(config),
-      levels_(static_cast<std::size_t>(config.camera.width_px) * static_cast<std::size_t>(config.camera.height_px)) {}
+      shaded_(static_cast<std::size_t>(config.camera.width_px) * static_cast<std::size_t>(config.camera.height_px)),
+      levels_(shaded_.size()) {}
 
-// Room light: a gradient over the background, and the object and platter shaded by a broad lamp above the camera.
 void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Posture& posture) {
   const bool plain = scene.printed().empty();
   const auto stepped = [](double value, double step) { return std::round(value / step) * step; };
-  Posture shown;
-  if (!scene.turns_invisibly()) shown.table_rad = stepped(posture.table_rad, plain ? kCell_rad : kPrintedCell_rad);
-  shown.elevation_rad = stepped(posture.elevation_rad, plain ? kHeadCell_rad : kPrintedCell_rad);
-  if (!scene.held()) shown.lift_mm = stepped(posture.lift_mm, plain ? kLiftCell_mm : kPrintedCell_mm);
-  if (ready_ && shown == shown_) return;
-  shown_ = shown;
+  Posture exact, near;  // near: for what may be shown a little turned
+  exact.elevation_rad = near.elevation_rad = stepped(posture.elevation_rad, plain ? kHeadCell_rad : kPrintedCell_rad);
+  if (!scene.held()) exact.lift_mm = near.lift_mm = stepped(posture.lift_mm, plain ? kLiftCell_mm : kPrintedCell_mm);
+  if (!scene.turns_invisibly()) {
+    exact.table_rad = stepped(posture.table_rad, kPrintedCell_rad);
+    near.table_rad = scene.object_is_printed() ? exact.table_rad : stepped(posture.table_rad, kCell_rad);
+  }
+  const bool shaded = ready_ && near == shaded_at_;
+  if (!shaded) shade(scene, camera, near);
+  if (shaded && (plain || exact == printed_at_)) return;
+  levels_ = shaded_;
+  print(scene, camera, exact);
+  ready_ = true;
+  shaded_at_ = near;
+  printed_at_ = exact;
+}
+
+// Room light: a gradient over the background, and the object and platter shaded by a broad lamp above the camera.
+void RoomLight::shade(const Scene& scene, const VirtualCamera& camera, const Posture& shown) {
   const TablePose pose = scene.table_pose(shown, {}, config_.axes);
   const int width = config_.camera.width_px, height = config_.camera.height_px;
   const int columns = (width + kBlock - 1) / kBlock + 1, rows = (height + kBlock - 1) / kBlock + 1;
@@ -70,7 +85,6 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Po
       for (int i = 0; i < columns; ++i) rays_H_.push_back(camera.ray_W(i * kBlock, j * kBlock));
     }
   }
-  ready_ = true;
   std::vector<float> grid(static_cast<std::size_t>(columns * rows));
   for (int j = 0; j < rows; ++j) {
     for (int i = 0; i < columns; ++i) {
@@ -100,7 +114,7 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Po
     const int j = y / kBlock;
     const float fy = static_cast<float>(y % kBlock) / kBlock;
     const float *above = &soft[static_cast<std::size_t>(j * columns)], *below = above + columns;
-    float* out = &levels_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width)];
+    float* out = &shaded_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width)];
     for (int x = 0; x < width; ++x) {
       const int i = x / kBlock;
       const float fx = static_cast<float>(x % kBlock) / kBlock;
@@ -108,7 +122,6 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Po
       out[x] = a + fy * (b - a);
     }
   }
-  print(scene, camera, shown);
 }
 
 double RoomLight::brightness(const Hit& hit, const Vector3d& lamp_T) const {
@@ -146,19 +159,44 @@ void RoomLight::print(const Scene& scene, const VirtualCamera& camera, const Pos
     if (x0 >= x1 || y0 >= y1) continue;
     const int columns = (x1 - x0) * kSub, rows = (y1 - y0) * kSub;
     std::vector<float> fine(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows));
+    // A pixel that shows the bare platter, as all around it do, needs no search for what hides a part of it.
+    const int wide = x1 - x0 + 2;
+    std::vector<Vector3d> rays_T;  // of these pixels and of one beyond on each side
+    std::vector<std::uint8_t> bare;
+    for (int y = y0 - 1; y <= y1; ++y) {
+      for (int x = x0 - 1; x <= x1; ++x) {
+        rays_T.push_back(pose.direction_to_table(camera.ray_W(x, y)));
+        const auto hit = scene.intersect({centre_T, rays_T.back()});
+        bare.push_back(hit && hit->material == Material::platter);
+      }
+    }
+    const auto all_bare = [&](int x, int y) {
+      for (int row = y - y0; row <= y - y0 + 2; ++row) {
+        const auto from = bare.begin() + row * wide + x - x0;
+        if (std::find(from, from + 3, 0) != from + 3) return false;
+      }
+      return true;
+    };
+    const auto print_at = [&](const Vector3d& d_T, bool on_platter) -> std::optional<Hit> {
+      if (!on_platter) return scene.intersect({centre_T, d_T});
+      const double t = -centre_T.z() / d_T.z();
+      const Vector3d p = centre_T + t * d_T;
+      return Hit{t, p, Vector3d(0, 0, centre_T.z() >= 0 ? 1 : -1), Material::platter,
+                 0, 0, scene.print_on_platter(p.x(), p.y())};
+    };
     for (int y = y0; y < y1; ++y) {
       for (int x = x0; x < x1; ++x) {
         // Rays change linearly over a pixel.
-        const Vector3d d = pose.direction_to_table(camera.ray_W(x, y)),
-                       right = pose.direction_to_table(camera.ray_W(x + 1, y)) - d,
-                       down = pose.direction_to_table(camera.ray_W(x, y + 1)) - d;
+        const Vector3d* const ray = &rays_T[static_cast<std::size_t>((y - y0 + 1) * wide + x - x0 + 1)];
+        const Vector3d d = ray[0], right = ray[1] - d, down = ray[wide] - d;
+        const bool on_platter = all_bare(x, y);
         const float plain =
             levels_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)];
         for (int j = 0; j < kSub; ++j) {
           for (int i = 0; i < kSub; ++i) {
             const double u = (i - 0.5 * (kSub - 1) + strewn(y * kSub + j)) / kSub,
                          v = (j - 0.5 * (kSub - 1) + strewn(x * kSub + i)) / kSub;
-            const auto hit = scene.intersect({centre_T, d + u * right + v * down});
+            const auto hit = print_at(d + u * right + v * down, on_platter);
             fine[static_cast<std::size_t>((y - y0) * kSub + j) * static_cast<std::size_t>(columns) +
                  static_cast<std::size_t>((x - x0) * kSub + i)] =
                 hit && hit->print > 0 ? static_cast<float>(brightness(*hit, lamp_T)) : plain;

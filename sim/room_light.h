@@ -22,12 +22,13 @@ class RoomLight {
 
  private:
   double brightness(const Hit& hit, const Eigen::Vector3d& lamp_T) const;
+  void shade(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
   void print(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
 
   OpticsConfig config_;
-  std::vector<float> levels_;
+  std::vector<float> shaded_, levels_;   ///< without and with prints
   std::vector<Eigen::Vector3d> rays_H_;  ///< of the pixels that are looked at
-  Posture shown_;
+  Posture shaded_at_, printed_at_;
   bool ready_ = false;
 };
 

@@ -82,6 +82,9 @@ class Scene {
   /// The intersection with the object near t, from the facet of a neighbouring ray's hit; nothing if there is none. For
   /// rays next to one whose first hit is known.
   std::optional<Hit> refine(const Ray& ray, double t_near, int facet = 0) const;
+  /// Of a calibration target on the platter there, table frame: 0 where there is none.
+  double print_on_platter(double x_mm, double y_mm) const { return rim_tags_.reflectance(x_mm, y_mm); }
+  bool object_is_printed() const { return !body_->corners().empty(); }
   /// Looks the same at every table angle.
   bool turns_invisibly() const;
   bool has_edges() const { return body_->has_edges(); }
