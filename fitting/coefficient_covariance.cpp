@@ -4,9 +4,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdlib>
 #include <utility>
 #include <vector>
 
+#include "fitting/active_values.h"
 #include "fitting/block_cholesky.h"
 #include "fitting/cell_residuals.h"
 #include "fitting/knot_bias.h"
@@ -23,7 +25,24 @@ constexpr double kResolution = 1e-8;  // of the range, of residuals
 // What solve_member's steps back towards least squares leave of the weight, nearly.
 constexpr double kBridging = kVanishingWeight / 4;
 constexpr double kRidge = 1e-12;
-constexpr int kMostActive = 6;
+
+// A x = b, with what poles allow.
+class Factor {
+ public:
+  Factor(const StencilMatrix& matrix, const PoleJets* jets) {
+    if (jets) {
+      pole_.emplace(matrix, *jets);
+    } else {
+      block_.emplace(matrix);
+    }
+  }
+  bool ok() const { return pole_ ? pole_->ok() : block_->ok(); }
+  void solve(const double* b, double* x) const { pole_ ? pole_->solve(b, x) : block_->solve(b, x); }
+
+ private:
+  std::optional<PoleSolver> pole_;
+  std::optional<BlockCholesky> block_;
+};
 
 std::optional<StencilMatrix> inverse_entries(const StencilMatrix& matrix, const PoleJets* jets) {
   if (jets) {
@@ -36,20 +55,21 @@ std::optional<StencilMatrix> inverse_entries(const StencilMatrix& matrix, const 
 
 // What errors common to a profile add: coefficients c(v) of functions that are constant along u scatter as A_v^-1, and
 // the fit answers to them with M^-1 A T c, T = 1 x I. A column an unknown, its square the variance.
-std::optional<Eigen::MatrixXd> common_errors(const NormalEquations& equations, double smoothing) {
+std::optional<Eigen::MatrixXd> common_errors(const NormalEquations& equations, const StencilMatrix& system) {
   const int nu = equations.matrix().count_u(), nv = equations.matrix().count_v();
-  NormalSolver solver(equations, smoothing, {.direct = true});
+  const Factor solver(system, equations.jets());
+  if (!solver.ok()) return std::nullopt;
   Eigen::MatrixXd response(nv, nu * nv), around(nv, nv);
-  AlignedVector<double> product(equations.matrix().field_size());
+  AlignedVector<double> product(equations.matrix().field_size()), solved(product.size());
   for (int j = 0; j < nv; ++j) {
     Eigen::MatrixXd constant = Eigen::MatrixXd::Zero(nu, nv);
     constant.col(j).setOnes();
     equations.matrix().multiply(equations.to_field(constant).data(), product.data());
     const Eigen::MatrixXd of_samples = equations.to_matrix(product);
     around.row(j) = of_samples.colwise().sum();
-    const auto solved = solver.apply_inverse(of_samples);
-    if (!solved) return std::nullopt;
-    response.row(j) = Eigen::Map<const Eigen::RowVectorXd>(solved->data(), solved->size());
+    solver.solve(equations.to_field(of_samples).data(), solved.data());
+    const Eigen::MatrixXd answer = equations.to_matrix(solved);
+    response.row(j) = Eigen::Map<const Eigen::RowVectorXd>(answer.data(), answer.size());
   }
   around.diagonal().array() += kRidge * around.trace() / nv;
   const Eigen::LLT<Eigen::MatrixXd> factor(around);
@@ -86,25 +106,6 @@ Eigen::MatrixXd roughness(const NormalEquations& equations, const Eigen::MatrixX
     }
   return tau;
 }
-
-// Values of the functions of a space that do not vanish at t.
-struct ActiveValues {
-  std::array<int, kMostActive> index{};
-  std::array<double, kMostActive> value{};
-  std::size_t count = 0;
-  ActiveValues(const RangeSpace& space, double t) {
-    const auto& breaks = space.breaks();
-    const auto next = std::upper_bound(breaks.begin() + 1, breaks.end() - 1, t);
-    const int interval = static_cast<int>(next - breaks.begin()) - 1;
-    const double lo = *(next - 1), hi = *next, s = 2 * (std::clamp(t, lo, hi) - lo) / (hi - lo) - 1;
-    const auto active = space.active(interval);
-    for (; count < active.size(); ++count) {
-      const auto polynomial = space.polynomial(interval, static_cast<int>(count));
-      for (std::size_t i = polynomial.size(); i-- > 0;) value[count] = value[count] * s + polynomial[i];
-      index[count] = active[count];
-    }
-  }
-};
 
 }  // namespace
 
@@ -152,6 +153,10 @@ ErrorSources error_sources(const MemberSamples& samples, LadderFit member) {
     sources.largest_variance = noise.ratios.maxCoeff() * variance;
   }
   sources.knot_bias = knot_bias(samples.ladder, samples.sums, member, noise, samples.profiles);
+  if (!member.held.empty())
+    sources.knot_bias_around = knot_bias(samples.ladder, samples.sums, member, noise, samples.profiles, {false, true})
+                                   .cwiseMin(sources.knot_bias);
+  sources.held = std::move(member.held);
   sources.equations = std::move(member.equations);
   return sources;
 }
@@ -174,6 +179,11 @@ std::optional<CoefficientCovariance> CoefficientCovariance::of(const ErrorSource
     ratio = std::max(ratio, sources.roughness.array().square().maxCoeff() * mu);
   }
   if (!(ratio > 0)) return std::nullopt;
+  std::optional<HeldErrors> held;
+  if (!sources.held.empty()) {
+    held.emplace(sources.held, equations.space().u, system, sources.knot_bias, sources.knot_bias_around);
+    held->weigh_into(system);
+  }
   // M^-1 C M^-1 is minus the derivative of (M + t C)^-1.
   std::optional<StencilMatrix> entries;
   for (double step = kStep; !entries && step > kSmallestStep; step /= 10) {
@@ -190,13 +200,14 @@ std::optional<CoefficientCovariance> CoefficientCovariance::of(const ErrorSource
   if (!entries) return std::nullopt;
   const double common = sources.inflation.common * sources.noise_variance;
   if (common > 0) {
-    auto of_profiles = common_errors(equations, sources.smoothing);
+    auto of_profiles = common_errors(equations, system);
     if (!of_profiles) return std::nullopt;
     entries->add_product(*of_profiles * std::sqrt(common));
   }
   // As if the coefficients missed the truth by so much, all to one side: the functions add up to 1.
-  entries->add_product(Eigen::Map<const Eigen::RowVectorXd>(sources.knot_bias.data(), sources.knot_bias.size()));
-  return CoefficientCovariance(sources.equations, std::move(*entries));
+  if (!held)
+    entries->add_product(Eigen::Map<const Eigen::RowVectorXd>(sources.knot_bias.data(), sources.knot_bias.size()));
+  return CoefficientCovariance(sources.equations, std::move(*entries), std::move(held));
 }
 
 double CoefficientCovariance::sd_mm(double v, double along) const {
@@ -213,6 +224,34 @@ double CoefficientCovariance::sd_mm(double v, double along) const {
                  entries_.plane(plane, of_u.index[d] - of_u.index[c])[entries_.at(of_u.index[c], of_v.index[a])];
         over_u += of_u.value[c] * row;
       }
+      variance += of_v.value[a] * of_v.value[b] * over_u;
+    }
+  if (held_) variance += held_->knots_square(of_u, of_v, along);
+  return std::sqrt(std::max(variance, 0.0));
+}
+
+double CoefficientCovariance::sd_mm(double v, std::span<const AlongTerm> terms) const {
+  std::vector<std::pair<int, double>> weights;  // of the functions along
+  for (const AlongTerm& term : terms) {
+    const ActiveValues values(space().u, term.along, term.order);
+    for (std::size_t a = 0; a < values.count; ++a) {
+      const auto known = std::find_if(weights.begin(), weights.end(),
+                                      [&](const auto& weight) { return weight.first == values.index[a]; });
+      const double more = term.factor * values.value[a];
+      known == weights.end() ? static_cast<void>(weights.emplace_back(values.index[a], more))
+                             : static_cast<void>(known->second += more);
+    }
+  }
+  const ActiveValues of_v(space().v, v);
+  double variance = 0;
+  for (std::size_t a = 0; a < of_v.count; ++a)
+    for (std::size_t b = 0; b < of_v.count; ++b) {
+      const int plane = entries_.plane_of(of_v.index[a], of_v.index[b]);
+      double over_u = 0;
+      for (const auto& [c, of_c] : weights)
+        for (const auto& [d, of_d] : weights)
+          if (std::abs(d - c) <= entries_.band_u())
+            over_u += of_c * of_d * entries_.plane(plane, d - c)[entries_.at(c, of_v.index[a])];
       variance += of_v.value[a] * of_v.value[b] * over_u;
     }
   return std::sqrt(std::max(variance, 0.0));

@@ -8,7 +8,9 @@
 #include <string>
 #include <utility>
 
+#include "fitting/coefficient_covariance.h"
 #include "fitting/fit_report.h"
+#include "fitting/joined_deviation.h"
 #include "fitting/moved_stream.h"
 #include "fitting/spherical_stream.h"
 #include "fitting/window_stream.h"
@@ -154,6 +156,40 @@ void describe_joined(RangeFit& fit) {
                          : SurfaceModel::cylinder;
 }
 
+/// A wall and the head that was joined to it.
+struct JoinedRim {
+  std::size_t wall, head;
+  bool top;
+  double height_mm;
+  BodyShare of_body;
+};
+
+void state_deviations(std::vector<RangeFit>& pieces, const std::vector<JoinedRim>& rims) {
+  std::vector<std::optional<CoefficientCovariance>> alone;
+  alone.reserve(pieces.size());
+  for (const RangeFit& piece : pieces)
+    alone.push_back(piece.errors ? CoefficientCovariance::of(*piece.errors) : std::nullopt);
+  for (std::size_t k = 0; k < pieces.size(); ++k) {
+    std::vector<JoinedEnd> ends;
+    bool known = alone[k].has_value();
+    for (const JoinedRim& rim : rims) {
+      if (rim.wall != k && rim.head != k) continue;
+      const auto& other = alone[rim.wall == k ? rim.head : rim.wall];
+      known = known && other.has_value();
+      if (!known) break;
+      // A head's meridian runs downward: the rim of one on top is its end.
+      ends.push_back({rim.top, &*other, rim.wall == k ? kEquator : rim.height_mm, rim.of_body});
+    }
+    if (!known) continue;
+    const BaseSurface& base = pieces[k].function.base();
+    const DeviationMap& map =
+        pieces[k].deviation.emplace(ends.empty() ? deviation_map(*alone[k], base.band_start, base.band_end)
+                                                 : joined_deviation(*alone[k], pieces[k].function, ends));
+    pieces[k].report.sd_mean_mm = map.mean(base);
+    pieces[k].report.sd_max_mm = map.largest();
+  }
+}
+
 std::optional<FitError> refuse(const CompositeSplit& split, const RangeFitOptions& options) {
   if (!split.any())
     return FitError{"a composite needs a height at which it is split; name one, or fit a cylinder or a sphere"};
@@ -199,9 +235,9 @@ tl::expected<CompositeFit, FitError> fit_composite(ProfileParts samples, const C
       return tl::unexpected(*error);
 
   // The wall that a head joins is its neighbour.
-  const auto wall_of = [&](std::size_t head) -> RangeFunction& {
-    return fits[pieces[head]->top() ? head - 1 : head + 1].fit.function;
-  };
+  const auto wall_at = [&](std::size_t head) { return pieces[head]->top() ? head - 1 : head + 1; };
+  const auto wall_of = [&](std::size_t head) -> RangeFunction& { return fits[wall_at(head)].fit.function; };
+  std::vector<BodyShare> shares(fits.size());  // of heads
   std::vector<std::size_t> heads;
   for (std::size_t k = 0; k < pieces.size(); ++k)
     if (pieces[k]->head()) heads.push_back(k);
@@ -216,16 +252,22 @@ tl::expected<CompositeFit, FitError> fit_composite(ProfileParts samples, const C
       auto joined = join(wall_of(head), fits[head].fit.function, options.continuity);
       wall_of(head) = std::move(joined.body);
       fits[head].fit.function = std::move(joined.head);
+      if (round == 0) shares[head] = joined.of_body;  // later rounds find one rim
     }
   for (std::size_t k = 0; k < heads.size(); ++k)
     composite.joints[k].after = meeting(wall_of(heads[k]), fits[heads[k]].fit.function);
 
+  std::vector<JoinedRim> rims;
+  for (const std::size_t head : heads)
+    rims.push_back({wall_at(head), head, pieces[head]->top(), pieces[head]->centre_mm(), shares[head]});
   RangeFitReport& all = composite.report;
   SurfaceErrors missed;
   for (std::size_t k = 0; k < fits.size(); ++k) {
     describe_joined(fits[k].fit);
     SurfaceErrors of_piece;
+    const auto sources = std::move(fits[k].fit.errors);  // deviations follow when all pieces are known
     RangeFit fit = measure_errors(std::move(fits[k]), pieces[k]->parts(), executor, &of_piece);
+    fit.errors = sources;
     missed.merge(of_piece);
     all.points += fit.report.points;
     all.rejected += fit.report.rejected;
@@ -233,6 +275,7 @@ tl::expected<CompositeFit, FitError> fit_composite(ProfileParts samples, const C
     for (const std::string& warning : fit.report.warnings) all.warnings.push_back(pieces[k]->name() + ": " + warning);
     composite.pieces.push_back(std::move(fit));
   }
+  state_deviations(composite.pieces, rims);
   all.residual_mm = missed.along_ray_mm();
   all.geometric_mm = missed.geometric_mm();
   double noise_square = 0, counted = 0;

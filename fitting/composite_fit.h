@@ -30,7 +30,9 @@ struct CompositeJoint {
 };
 
 struct CompositeFit {
-  std::vector<RangeFit> pieces;  ///< from bottom to top: a head below, the walls of the body, a head above
+  /// From bottom to top: a head below, the walls of the body, a head above. `deviation` is that of the joined surface,
+  /// `errors` are those of the piece alone.
+  std::vector<RangeFit> pieces;
   std::vector<CompositeJoint> joints;
   std::vector<Shoulder> shoulders;  ///< between the walls, from below: plane rings across the axis
   /// Of all samples; `model`, degrees, control points and the band are those of the pieces.

@@ -7,6 +7,7 @@
 #include <optional>
 #include <utility>
 
+#include "fitting/active_values.h"
 #include "fitting/fit_ladder.h"
 #include "fitting/fit_report.h"
 #include "fitting/knot_selection.h"
@@ -53,22 +54,9 @@ std::vector<Condition> conditions_of(const Constraints& constraints, double z_st
 
 // Values, or first derivatives, of the free functions at a place.
 Eigen::RowVectorXd functions_at(const RangeSpace& space, double z, int derivative) {
-  const auto& breaks = space.breaks();
-  const auto above = std::upper_bound(breaks.begin(), breaks.end(), z);
-  const int interval = std::clamp(static_cast<int>(above - breaks.begin()) - 1, 0, space.intervals() - 1);
-  const double lo = breaks[static_cast<std::size_t>(interval)], hi = breaks[static_cast<std::size_t>(interval) + 1];
-  const double s = 2 * (z - lo) / (hi - lo) - 1;
+  const ActiveValues values(space, z, derivative);
   Eigen::RowVectorXd row = Eigen::RowVectorXd::Zero(space.free_count());
-  const auto active = space.active(interval);
-  for (std::size_t a = 0; a < active.size(); ++a) {
-    const auto polynomial = space.polynomial(interval, static_cast<int>(a));
-    double value = 0, slope = 0;
-    for (std::size_t k = polynomial.size(); k-- > 0;) {
-      slope = slope * s + value;
-      value = value * s + polynomial[k];
-    }
-    row[active[a]] = derivative == 0 ? value : slope * 2 / (hi - lo);
-  }
+  for (std::size_t a = 0; a < values.count; ++a) row[values.index[a]] = values.value[a];
   return row;
 }
 
@@ -151,6 +139,7 @@ bool project(const std::vector<Condition>& conditions, LadderFit& fit, double no
     fit.free -= *change;
   }
   fit.free -= rows.transpose() * (rows * rows.transpose()).ldlt().solve(missing());
+  for (const Condition& c : conditions) fit.held.push_back({c.z_mm, c.derivative});
   fit.parameters -= static_cast<double>(count * around);
   fit.residual_square = equations.residual_square(fit.free);
   return fit.free.allFinite();

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "fitting/coefficient_covariance.h"
+#include "fitting/deviation_nodes.h"
 
 namespace celadon {
 namespace {
@@ -22,17 +23,24 @@ Place place(const std::vector<double>& nodes, double t) {
   return {static_cast<std::size_t>(next - nodes.begin()) - 1, std::clamp((t - lo) / (hi - lo), 0.0, 1.0)};
 }
 
-// Intervals are halved; next to the ends of a space that is not closed, where deviations fall steeply, cut in eight.
-std::vector<double> nodes_of(const RangeSpace& space, double start, double end) {
-  std::vector<double> edges{start};
+// Intervals are halved; next to places where deviations fall steeply, cut in eight.
+std::vector<double> nodes_of(const DeviationBreaks& space, double start, double end) {
   const double least = 1e-9 * (end - start);
-  for (const double b : space.breaks())
-    if (b > start + least && b < end - least) edges.push_back(b);
-  edges.push_back(end);
+  const auto same = [&](double a, double b) { return std::abs(a - b) <= least; };
+  std::vector<double> edges{start, end};
+  for (const std::vector<double>* places : {&space.breaks, &space.held})
+    for (const double b : *places)
+      if (b > start && b < end) edges.push_back(b);
+  std::sort(edges.begin(), edges.end());
+  edges.erase(std::unique(edges.begin(), edges.end(), same), edges.end());
+  edges.back() = end;
+  const auto steep = [&](double at) {
+    return (space.ends && (at == start || at == end)) ||
+           std::any_of(space.held.begin(), space.held.end(), [&](double held) { return same(at, held); });
+  };
   std::vector<double> nodes{start};
   for (std::size_t k = 1; k < edges.size(); ++k) {
-    const bool rim = !space.periodic() && space.degree() > 0 && (k == 1 || k + 1 == edges.size());
-    const int parts = rim ? 8 : 2;
+    const int parts = steep(edges[k - 1]) || steep(edges[k]) ? 8 : 2;
     for (int part = 1; part < parts; ++part) nodes.push_back(edges[k - 1] + (edges[k] - edges[k - 1]) * part / parts);
     nodes.push_back(edges[k]);
   }
@@ -81,16 +89,24 @@ double DeviationMap::mean(const BaseSurface& base) const {
   return shares(along).dot(sd_mm_ * shares(around));
 }
 
-DeviationMap deviation_map(const CoefficientCovariance& covariance, double start, double end) {
-  const RangeSpace &of_u = covariance.space().u, &of_v = covariance.space().v;
-  std::vector<double> along = nodes_of(of_u, start, end),
-                      v = nodes_of(of_v, of_v.breaks().front(), of_v.breaks().back());
+DeviationMap deviation_map(const std::function<double(double v, double along)>& sd_mm, const DeviationBreaks& of_along,
+                           const DeviationBreaks& of_v, double start, double end) {
+  std::vector<double> along = nodes_of(of_along, start, end),
+                      v = nodes_of(of_v, of_v.breaks.front(), of_v.breaks.back());
   Eigen::MatrixXd sd(static_cast<Eigen::Index>(along.size()), static_cast<Eigen::Index>(v.size()));
   for (std::size_t j = 0; j < v.size(); ++j)
     for (std::size_t i = 0; i < along.size(); ++i)
-      sd(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
-          three_digits_up(covariance.sd_mm(v[j], along[i]));
+      sd(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) = three_digits_up(sd_mm(v[j], along[i]));
   return {std::move(along), std::move(v), std::move(sd)};
+}
+
+DeviationMap deviation_map(const CoefficientCovariance& covariance, double start, double end) {
+  const auto breaks = [](const RangeSpace& space, std::vector<double> held) {
+    return DeviationBreaks{space.breaks(), !space.periodic() && space.degree() > 0, std::move(held)};
+  };
+  return deviation_map([&](double v, double along) { return covariance.sd_mm(v, along); },
+                       breaks(covariance.space().u, covariance.held_heights()), breaks(covariance.space().v, {}), start,
+                       end);
 }
 
 }  // namespace celadon

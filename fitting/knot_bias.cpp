@@ -89,7 +89,7 @@ Eigen::MatrixXd missed(const MomentGrid& sums, const LadderFit& coarse, const La
 }  // namespace
 
 Eigen::MatrixXd knot_bias(const FitLadder& ladder, const MomentGrid& sums, const LadderFit& member,
-                          const LocalNoise& noise, double profiles) {
+                          const LocalNoise& noise, double profiles, Variation knots) {
   const FitSpace& space = member.equations->space();
   const Variation variation = variation_of(member);
   Eigen::MatrixXd bias = Eigen::MatrixXd::Zero(space.u.free_count(), space.v.free_count());
@@ -100,11 +100,12 @@ Eigen::MatrixXd knot_bias(const FitLadder& ladder, const MomentGrid& sums, const
            (!variation.around_v || kProfilesPerUnknown * ladder.unknowns(at.u, at.v, {false, true}) <= profiles);
   };
 
-  // In each direction that has a finer member; both at once if they can be.
+  // In each direction wanted that has a finer member; both at once if they can be.
   Eigen::MatrixXd square = Eigen::MatrixXd::Zero(space.u.intervals(), space.v.intervals());
   const LadderLevels own = member.levels;
-  bool u = variation.along_u && own.u > 0 && affordable({own.u - 1, own.v}),
-       v = variation.around_v && own.v > 0 && affordable({own.u, own.v - 1});
+  const bool along = variation.along_u && knots.along_u, around = variation.around_v && knots.around_v;
+  bool u = along && own.u > 0 && affordable({own.u - 1, own.v}),
+       v = around && own.v > 0 && affordable({own.u, own.v - 1});
   if (u && v && !affordable({own.u - 1, own.v - 1})) v = false;
   if (u || v)
     if (const auto finer = solve_member(ladder, {own.u - u, own.v - v}, variation))
@@ -117,8 +118,8 @@ Eigen::MatrixXd knot_bias(const FitLadder& ladder, const MomentGrid& sums, const
     const Eigen::MatrixXd of_coarser = missed(sums, *coarser, *plain, noise, spread_over(from, space, noise.ratios));
     square += std::pow(0.25, degree + 1) * spread_over(space, from, of_coarser);
   };
-  if (variation.along_u && !u && own.u + 1 < ladder.levels_u()) from_coarser({own.u + 1, own.v}, space.u.degree());
-  if (variation.around_v && !v && own.v + 1 < ladder.levels_v()) from_coarser({own.u, own.v + 1}, space.v.degree());
+  if (along && !u && own.u + 1 < ladder.levels_u()) from_coarser({own.u + 1, own.v}, space.u.degree());
+  if (around && !v && own.v + 1 < ladder.levels_v()) from_coarser({own.u, own.v + 1}, space.v.degree());
 
   Eigen::MatrixXd intervals = bias;  // under each function
   for (int J = 0; J < space.v.intervals(); ++J)

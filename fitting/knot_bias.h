@@ -22,8 +22,8 @@ struct LocalNoise {
 /// object; what is left beyond the former, in a window of five intervals each way, shrunk towards its mean as far as it
 /// scatters by chance alone. Where the sums or the samples have no finer member in a direction, it is what the next
 /// coarser one misses, less by the order of the spline: right for smooth objects only. `profiles`: lines of samples
-/// that share an angle. @pre the member is of this ladder
+/// that share an angle; `knots`: of which directions. @pre the member is of this ladder
 Eigen::MatrixXd knot_bias(const FitLadder& ladder, const MomentGrid& sums, const LadderFit& member,
-                          const LocalNoise& noise, double profiles);
+                          const LocalNoise& noise, double profiles, Variation knots = {});
 
 }  // namespace celadon

@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "fitting/fit_ladder.h"
 #include "fitting/noise_correlation.h"
@@ -30,13 +31,20 @@ struct LadderLevels {
   auto operator<=>(const LadderLevels&) const = default;  // NOLINT(modernize-use-nullptr): its 0 is no pointer
 };
 
+/// A place along the base where the range (order 0) or its slope (order 1) is held, all around.
+struct HeldAlong {
+  double along;
+  int order;
+};
+
 /// A solved member of the ladder.
 struct LadderFit {
   std::unique_ptr<NormalEquations> equations;
   Eigen::MatrixXd free;
   LadderLevels levels;
   double residual_square = 0, parameters = 0;
-  double smoothing = 0;  ///< relative weight of the bending energy
+  double smoothing = 0;           ///< relative weight of the bending energy
+  std::vector<HeldAlong> held{};  ///< exactly, whatever the samples say
 };
 
 /// One member, with an energy of this weight where samples are missing. nullopt: not determined.

@@ -16,8 +16,6 @@ namespace celadon {
 namespace {
 
 constexpr double kEquator = 1;
-// dphi/dw on the equator, the end of an arc of 90 degrees.
-constexpr double kPhiPerW = std::numbers::sqrt2;
 constexpr int kPlacesPerInterval = 8, kMostRefinements = 4, kMostIntervalsPerArc = 512;
 constexpr double kResolvedRad = 2e-5;
 // Intervals of a direction that was constant and no longer is.
@@ -234,13 +232,22 @@ Worth worth_of(const RangeFunction& f, bool at_end) {
   return {h / columns, h * h * h / columns};
 }
 
-void meet(RangeFunction& body, RangeFunction& head, const Movers& moving, const Worth& share,
+BodyShare share_of(const RangeFunction& body, const RangeFunction& head, const Movers& moving) {
+  const bool end = rim_at_end(head);
+  if (!moving.body || !moving.head) return moving.head ? BodyShare{1, 1} : BodyShare{0, 0};
+  if (!along(body)) {  // a cylinder and a sphere: one radius, weighted by their areas
+    const double R = rim_of(head, end)(0), H = body.base().band_end - body.base().band_start;
+    return {H / (R + H), 0};
+  }
+  const Worth of_body = worth_of(body, end), of_head = worth_of(head, end);
+  return {of_body.value / (of_body.value + of_head.value), of_body.slope / (of_body.slope + of_head.slope)};
+}
+
+void meet(RangeFunction& body, RangeFunction& head, const Movers& moving, const BodyShare& share,
           JointContinuity continuity) {
   const bool end = rim_at_end(head);
   if (!along(body) && !around(body) && !along(head) && !around(head)) {
-    // A cylinder and a sphere: one radius, weighted by their areas.
-    const double R = rim_of(head, end)(0), H = body.base().band_end - body.base().band_start;
-    const Row common = Row::Constant(1, (R * R + H * rim_of(body, end)(0)) / (R + H));
+    const Row common = share.value * rim_of(body, end) + (1 - share.value) * rim_of(head, end);
     body = with_rim(body, end, common, Row());
     head = with_rim(head, end, common, Row());
     return;
@@ -274,6 +281,21 @@ bool refine_around(RangeFunction& body, RangeFunction& head) {
 
 }  // namespace
 
+RimInfluence rim_influence(const RangeFunction& joined, bool at_end, double at) {
+  if (!along(joined)) return {1, 0};
+  const BaseSurface& base = joined.base();
+  const double u = base.spherical() ? at : (at - base.band_start) / (base.band_end - base.band_start);
+  const RimRows rows = rim_rows(joined, at_end);
+  const int p = joined.degree_u(), span = find_span(joined.knots_u(), p, u);
+  const BasisValues values = basis_values(joined.knots_u(), p, span, u);
+  const auto of_row = [&](Eigen::Index row) {
+    const Eigen::Index k = row - (span - p);
+    return k >= 0 && k <= p ? values[static_cast<std::size_t>(k)] : 0;
+  };
+  const double inner = of_row(rows.inner);
+  return {of_row(rows.rim) + inner, -inner / rows.lever};
+}
+
 Meeting meeting(const RangeFunction& body, const RangeFunction& head) {
   require_pieces(body, head);
   const bool end = rim_at_end(head);
@@ -293,18 +315,13 @@ Meeting meeting(const RangeFunction& body, const RangeFunction& head) {
 
 JoinedPieces join(const RangeFunction& body, const RangeFunction& head, JointContinuity continuity) {
   require_pieces(body, head);
-  JoinedPieces joined{body, head};
   const Movers moving = movers(body, head);
-  Worth share{};  // of the body in what both become
-  if (moving.body && moving.head && along(body)) {
-    const Worth of_body = worth_of(body, rim_at_end(head)), of_head = worth_of(head, rim_at_end(head));
-    share = {of_body.value / (of_body.value + of_head.value), of_body.slope / (of_body.slope + of_head.slope)};
-  }
+  JoinedPieces joined{body, head, share_of(body, head, moving)};
   prepare(joined.body, joined.head, moving);
   RangeFunction wide_body = joined.body, wide_head = joined.head;
   for (int refined = 0;; ++refined) {
     joined.body = wide_body, joined.head = wide_head;
-    meet(joined.body, joined.head, moving, share, continuity);
+    meet(joined.body, joined.head, moving, joined.of_body, continuity);
     if (meeting(joined.body, joined.head).angle_rad <= kResolvedRad || refined == kMostRefinements ||
         !refine_around(wide_body, wide_head))
       return joined;
