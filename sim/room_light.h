@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "sim/optics.h"
+#include "sim/print_painter.h"
 #include "sim/scene.h"
 
 namespace celadon::sim {
@@ -23,10 +24,10 @@ class RoomLight {
  private:
   double brightness(const Hit& hit, const Eigen::Vector3d& lamp_T) const;
   void shade(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
-  void print(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
 
   OpticsConfig config_;
-  std::vector<float> shaded_, levels_;   ///< without and with prints
+  std::vector<float> shaded_, levels_;  ///< without and with prints
+  PrintPainter painter_;
   std::vector<Eigen::Vector3d> rays_H_;  ///< of the pixels that are looked at
   Posture shaded_at_, printed_at_;
   bool ready_ = false;

@@ -44,12 +44,20 @@ class RimTags {
   explicit RimTags(int count);
   /// 0 beside the tags.
   double reflectance(double x_mm, double y_mm) const;
+  /// By its angle; 0 without tags.
+  std::size_t nearest(double x_mm, double y_mm) const;
+  /// Of that tag alone; 0 beside it. @pre tag is 0 or one of nearest()
+  double reflectance(std::size_t tag, double x_mm, double y_mm) const;
   std::vector<PrintedCorner> corners() const;
   std::vector<std::vector<Eigen::Vector3d>> outlines() const;
 
  private:
   Eigen::Vector3d on_platter(std::size_t tag, double x_mm, double y_mm) const;
-  std::vector<Target> tags_;
+  struct Placed {
+    Target target;
+    double cos, sin;  ///< of its angle
+  };
+  std::vector<Placed> tags_;
 };
 
 class Scene {
@@ -82,8 +90,7 @@ class Scene {
   /// The intersection with the object near t, from the facet of a neighbouring ray's hit; nothing if there is none. For
   /// rays next to one whose first hit is known.
   std::optional<Hit> refine(const Ray& ray, double t_near, int facet = 0) const;
-  /// Of a calibration target on the platter there, table frame: 0 where there is none.
-  double print_on_platter(double x_mm, double y_mm) const { return rim_tags_.reflectance(x_mm, y_mm); }
+  const RimTags& rim_tags() const { return rim_tags_; }
   bool object_is_printed() const { return !body_->corners().empty(); }
   /// Looks the same at every table angle.
   bool turns_invisibly() const;
