@@ -10,6 +10,8 @@
 #include "acquisition/calibrate/board_lines.h"
 #include "acquisition/calibrate/view_planner.h"
 #include "acquisition/datum/rim_tag_finder.h"
+#include "daemon/calibration/axes_home.h"
+#include "daemon/calibration/stop_plan.h"
 #include "daemon/frame_feed.h"
 #include "daemon/safe_on_exit.h"
 #include "daemon/scan_preparation.h"
@@ -23,6 +25,7 @@ constexpr std::int64_t kExposureSettles_ns = 200'000'000;  // cameras take a new
 constexpr std::int64_t kAskAgain_ns = 100'000'000;
 constexpr int kRimAngles = 36;    // of the table, a turn, at which fiducials are looked for
 constexpr int kFewestAngles = 4;  // of a placement at which the board has to be seen
+constexpr double kReach = 0.3;    // share of the picture's height that the lift moves the board by, to both sides
 
 using Stop = tl::unexpected<ScanStop>;
 
@@ -202,35 +205,115 @@ class Session final : public ScanObserver {
   }
 
   tl::expected<void, ScanStop> take_placement(int placement, CalibrationInput& input) {
-    std::string instruction = "Stand the board on the platter, facing the camera, and let go of it (placement " +
-                              std::to_string(placement + 1) + " of " + std::to_string(plan_.placements) + ").";
-    const double step_rad = 2 * std::numbers::pi / plan_.angles;
+    const char* const leaning = stops_of_head() > 0 ? ", leaning back as far as it stands" : "";
+    std::string instruction = "Stand the board on the platter, facing the camera" + std::string(leaning) +
+                              ", and let go of it (placement " + std::to_string(placement + 1) + " of " +
+                              std::to_string(plan_.placements) + ").";
     while (true) {
       if (auto done = ask(instruction); !done) return done;
-      std::vector<BoardView> views;
-      const double start_rad = feed_->status().angle_rad;
-      for (int k = 0; k < plan_.angles; ++k) {
-        // One step before the first look: each angle is approached from the same side.
-        auto settled = device_.rotate_to(start_rad + (k + 1) * step_rad, device_.capabilities().max_speed_rad_per_s);
-        if (!settled) return Stop(stop_of(settled.error()));
-        auto dark = look(settled->host_after_ns);
-        if (!dark) return Stop(dark.error());
-        const auto found = find(*dark);
-        guide_.on_turn(placement, k + 1, plan_.angles, found.has_value());
-        if (!found) continue;
-        auto seen = lit_view(*found, *dark);
-        if (!seen) return Stop(seen.error());
-        seen->placement = placement;
-        seen->encoder_rad = settled->angle_rad;
-        views.push_back(std::move(*seen));
+      auto views = take_turn(placement);
+      if (!views) return Stop(views.error());
+      if (static_cast<int>(views->size()) < kFewestAngles) {
+        instruction = "The board was seen at " + std::to_string(views->size()) + " of " + std::to_string(plan_.angles) +
+                      " angles of the table; stand it upright over the middle of the platter, facing the camera.";
+        continue;
       }
-      if (static_cast<int>(views.size()) >= kFewestAngles) {
-        input.views.insert(input.views.end(), views.begin(), views.end());
-        return {};
-      }
-      instruction = "The board was seen at " + std::to_string(views.size()) + " of " + std::to_string(plan_.angles) +
-                    " angles of the table; stand it upright over the middle of the platter, facing the camera.";
+      auto at_stops = take_stops(placement, *views);
+      if (!at_stops) return Stop(at_stops.error());
+      input.views.insert(input.views.end(), views->begin(), views->end());
+      input.views.insert(input.views.end(), at_stops->begin(), at_stops->end());
+      return {};
     }
+  }
+
+  /// The board at every angle of the table that shows it, with every laser's line.
+  tl::expected<std::vector<BoardView>, ScanStop> take_turn(int placement) {
+    std::vector<BoardView> views;
+    const double start_rad = feed_->status().angle_rad;
+    for (int k = 0; k < plan_.angles; ++k) {
+      // One step before the first look: each angle is approached from the same side.
+      auto settled = turn_to(start_rad + (k + 1) * step_rad());
+      if (!settled) return Stop(settled.error());
+      auto dark = look(settled->host_after_ns);
+      if (!dark) return Stop(dark.error());
+      const auto found = find(*dark);
+      guide_.on_turn(placement, k + 1, plan_.angles, found.has_value());
+      if (!found) continue;
+      auto seen = lit_view(*found, *dark);
+      if (!seen) return Stop(seen.error());
+      stand(placement, *settled, *seen);
+      views.push_back(std::move(*seen));
+    }
+    return views;
+  }
+
+  int stops_of_head() const { return device_.has_axis(AxisKind::elevation) ? plan_.stops : 0; }
+
+  /// The same board from every stop that shows it, at three of the table's angles in turn. Each view has a stop of its
+  /// own, so that what a reading is off by is no other view's. @pre `turn` is not empty
+  tl::expected<std::vector<BoardView>, ScanStop> take_stops(int placement, const std::vector<BoardView>& turn) {
+    const BoardView& facing = facing_view(turn, 0);
+    const double px_per_mm = appearance_of(plan_.board, facing.corners).px_per_mm;
+    const std::vector<AxisStop> stops = stops_to_visit(device_.capabilities(), plan_.stops, placement, plan_.placements,
+                                                       kReach * mode().height_px / px_per_mm);
+    std::vector<BoardView> views;
+    if (stops.empty()) return views;
+    AxesHome home(device_, nothing_known_);
+    for (std::size_t k = 0; k < stops.size(); ++k) {
+      const double aside = (static_cast<double>(k % 3) - 1) / 6;
+      auto seen = view_from(stops[k], placement, facing_view(turn, aside).encoder_rad);
+      if (!seen) {
+        if (seen.error().state == ScanState::cancelled && !guide_.cancelled()) home.stay();
+        return Stop(seen.error());
+      }
+      guide_.on_stop(placement, stops[k], !(*seen).corners.empty());
+      if (!(*seen).corners.empty()) views.push_back(std::move(*seen));
+    }
+    if (auto back = home.now(); !back) return Stop(back.error());
+    return views;
+  }
+
+  /// Without corners where the board is not seen.
+  tl::expected<BoardView, ScanStop> view_from(const AxisStop& stop, int placement, double angle_rad) {
+    if (auto brought = bring_axes_to(stop, device_, nothing_known_); !brought) return Stop(brought.error());
+    if (auto before = turn_to(angle_rad - step_rad()); !before) return Stop(before.error());
+    auto settled = turn_to(angle_rad);
+    if (!settled) return Stop(settled.error());
+    auto dark = look(settled->host_after_ns);
+    if (!dark) return Stop(dark.error());
+    BoardView seen;
+    if (auto found = find(*dark)) seen.corners = std::move(*found);
+    stand(placement, *settled, seen);
+    return seen;
+  }
+
+  /// The view of a turn that lies nearest to its middle, moved on by a share of the angles that show the board.
+  const BoardView& facing_view(const std::vector<BoardView>& turn, double share) const {
+    double x = 0, y = 0;
+    for (const BoardView& view : turn) {
+      x += std::cos(view.encoder_rad);
+      y += std::sin(view.encoder_rad);
+    }
+    const double wanted_rad = std::atan2(y, x) + share * static_cast<double>(turn.size()) * step_rad();
+    return *std::max_element(turn.begin(), turn.end(), [&](const BoardView& a, const BoardView& b) {
+      return std::cos(a.encoder_rad - wanted_rad) < std::cos(b.encoder_rad - wanted_rad);
+    });
+  }
+
+  double step_rad() const { return 2 * std::numbers::pi / plan_.angles; }
+
+  tl::expected<DeviceStatus, ScanStop> turn_to(double angle_rad) {
+    auto settled = device_.rotate_to(angle_rad, device_.capabilities().max_speed_rad_per_s);
+    if (!settled) return Stop(stop_of(settled.error()));
+    return *settled;
+  }
+
+  /// Writes down where the machine stood while a view was taken.
+  static void stand(int placement, const DeviceStatus& settled, BoardView& view) {
+    view.placement = placement;
+    view.encoder_rad = settled.angle_rad;
+    if (settled.elevation) view.stop.elevation_rad = settled.elevation->position;
+    if (settled.lift) view.stop.lift_mm = settled.lift->position;
   }
 
   tl::expected<void, ScanStop> take_platter(CalibrationInput& input) {
@@ -284,12 +367,12 @@ class Session final : public ScanObserver {
   /// The platter's fiducials, all round. @pre nothing else lies on the platter
   tl::expected<void, ScanStop> take_rim(CalibrationInput& input) {
     RimTagFinder finder;
-    const double step_rad = 2 * std::numbers::pi / kRimAngles, start_rad = feed_->status().angle_rad;
+    const double step = 2 * std::numbers::pi / kRimAngles, start_rad = feed_->status().angle_rad;
     std::vector<RimView> views;
     std::size_t tags = 0;
     for (int k = 0; k < kRimAngles; ++k) {
-      auto settled = device_.rotate_to(start_rad + (k + 1) * step_rad, device_.capabilities().max_speed_rad_per_s);
-      if (!settled) return Stop(stop_of(settled.error()));
+      auto settled = turn_to(start_rad + (k + 1) * step);
+      if (!settled) return Stop(settled.error());
       auto dark = look(settled->host_after_ns);
       if (!dark) return Stop(dark.error());
       views.push_back({settled->angle_rad, finder.find(dark->grey, mode().width_px, mode().height_px)});

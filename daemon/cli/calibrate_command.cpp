@@ -20,6 +20,7 @@
 #include "daemon/cli/commands.h"
 #include "daemon/config.h"
 #include "daemon/files/atomic_file.h"
+#include "daemon/scan_stops.h"
 
 namespace celadon::cli {
 namespace {
@@ -29,7 +30,7 @@ enum Ending { kRefused = 1, kWrongInput = 2, kNoMachine = 3, kNotWritten = 4, kS
 
 struct Arguments {
   std::string config_file, device, camera, board = "tags:10x7x12", output;
-  int views = 25, placements = 3, angles = 36;
+  int views = 25, placements = 3, angles = 36, stops = 8;
   double exposure_ms = 0, width_mm = 0, height_mm = 0, measured_u_mm = 0.1;
 };
 
@@ -65,6 +66,9 @@ class Terminal final : public CalibrationGuide {
     say("placement " + std::to_string(placement + 1) + ": the board was seen at " + std::to_string(seen_) + " of " +
         std::to_string(angles) + " angles");
     seen_ = 0;
+  }
+  void on_stop(int, const AxisStop& stop, bool found) override {
+    say(text_of(stop) + (found ? ": the board was seen" : ": the board was not seen"));
   }
   std::optional<std::string> cancelled() override {
     if (g_interrupted) return "by a signal";
@@ -156,7 +160,8 @@ int calibrate(const Arguments& a) {
                              a.angles,
                              a.exposure_ms,
                              pitch(a.width_mm, width_mm, a.measured_u_mm),
-                             pitch(a.height_mm, height_mm, a.measured_u_mm)};
+                             pitch(a.height_mm, height_mm, a.measured_u_mm),
+                             a.stops};
   Terminal terminal;
   const auto interrupt = [](int) { g_interrupted = true; };
   std::signal(SIGINT, interrupt);
@@ -202,10 +207,11 @@ int calibrate(const Arguments& a) {
 
 void add_calibrate_command(CLI::App& program, Run& run) {
   auto a = std::make_shared<Arguments>();
-  auto* c =
-      program.add_subcommand("calibrate",
-                             "Calibrates camera, lasers, axis and encoder of a machine with a printed board: asks "
-                             "for what has to be done by hand, and writes one file. No daemon may hold the machine.");
+  auto* c = program.add_subcommand(
+      "calibrate",
+      "Calibrates camera, lasers, axis and encoder, and elevation and lift where there are such, of "
+      "a machine with a printed board: asks for what has to be done by hand, and writes one "
+      "file. No daemon may hold the machine.");
   c->add_option("--config", a->config_file, "configuration of the daemon: its machine and camera");
   c->add_option("--device", a->device, "modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID]");
   c->add_option("--camera", a->camera, "v4l2:/dev/videoN or sim:FOLDER");
@@ -222,6 +228,11 @@ void add_calibrate_command(CLI::App& program, Run& run) {
       ->check(CLI::Range(1, 12))
       ->capture_default_str();
   c->add_option("--angles", a->angles, "of the table, a turn")->check(CLI::Range(8, 360))->capture_default_str();
+  c->add_option("--stops", a->stops,
+                "of the head's elevation and of the lift, where there are such, for each placement; 0: they are not "
+                "calibrated")
+      ->check(CLI::Range(0, 100))
+      ->capture_default_str();
   c->add_option("--exposure", a->exposure_ms, "of each frame, ms; without: as the camera stands");
   c->add_option("-o,--output", a->output, "calibration file")->required();
   c->callback([a, &run] { run = [a] { return calibrate(*a); }; });

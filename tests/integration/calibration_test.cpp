@@ -5,12 +5,12 @@
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
-#include <functional>
 #include <string>
 #include <vector>
 
 #include "acquisition/calibrate/calibration_solver.h"
 #include "daemon/calibration/calibration_session.h"
+#include "tests/integration/board_operator.h"
 #include "tests/integration/process.h"
 #include "tests/integration/station.h"
 
@@ -19,82 +19,12 @@ namespace {
 
 constexpr const char* kBoard = "tags:10x7x8";
 
-/// Poses of a board in front of the camera: middle in mm, turns in degrees (sim/README.md, "Calibration targets").
-std::vector<std::string> held_poses() {
-  std::vector<std::string> poses;
-  int i = 0;
-  for (const double side : {-45., 0., 45.}) {
-    for (const double z : {34., 60., 94.}) {
-      for (const double near : {-30., 35.}) {
-        const double tilts[][3] = {{0, 38, 35}, {0, -30, 25}, {10, 0, 60}, {-10, 38, 0}, {20, 15, 45}, {-20, -25, 15}};
-        const auto& tilt = tilts[i++ % 6];
-        // The camera stands 30 degrees beside the x axis.
-        const double x = 0.87 * near - 0.5 * side, y = 0.5 * near + 0.87 * side;
-        char text[120];
-        std::snprintf(text, sizeof text, "@held:%g,%g,%g,%g,%g,%g", x, y, z, tilt[0], tilt[1], tilt[2]);
-        poses.emplace_back(text);
-      }
-    }
-  }
-  return poses;
-}
-
-/// Moves boards in the simulator as a session asks for them.
-class Operator final : public CalibrationGuide {
- public:
-  explicit Operator(const Station& station) : station_(station), poses_(held_poses()) {}
-
-  void ask(const std::string& instruction) override {
-    asked.push_back(instruction);
-    if (instruction.starts_with("Hold")) {
-      hold();
-    } else if (instruction.starts_with("Stand")) {
-      static constexpr const char* kPlaced[] = {"@0,0,55,0,-8,30", "@14,-8,55,0,10,150", "@-10,12,55,5,-12,270"};
-      place("board:" + std::string(kBoard) + kPlaced[placed_++ % 3]);
-    } else {
-      place("empty");
-    }
-  }
-  bool done() override { return true; }
-  void on_look(const BoardLook& look) override {
-    ++looks;
-    if (!look.found) ++unfound;
-    std::printf("%s: %s%s %d. %s\n", poses_[pose_ % poses_.size()].c_str(), look.problem.c_str(),
-                look.still ? " still" : "", look.views, look.advice.c_str());
-    const bool taken = look.views > views_;
-    views_ = look.views;
-    if (taken || !look.found || (look.still && look.known)) {
-      ++pose_;
-      hold();
-    }
-  }
-  void on_turn(int, int, int, bool found) override { seen += found ? 1 : 0; }
-  std::optional<std::string> cancelled() override {
-    return pose_ > 3 * poses_.size() ? std::optional<std::string>("because no pose is left") : std::nullopt;
-  }
-
-  std::vector<std::string> asked;
-  int looks = 0, unfound = 0, seen = 0;
-
- private:
-  void hold() { place("board:" + std::string(kBoard) + poses_[pose_ % poses_.size()]); }
-  void place(const std::string& scene) const {
-    const auto answer = ask_simulator(station_.folder.path(), "scene " + scene);
-    EXPECT_EQ(answer["ok"], true) << answer;
-  }
-
-  const Station& station_;
-  std::vector<std::string> poses_;
-  std::size_t pose_ = 0, placed_ = 0;
-  int views_ = 0;
-};
-
 TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
   Station station("cylinder-off", {"--ambient", "8", "--fps", "12"});
   auto machine = open_scanner(station.url, station.camera);
   ASSERT_TRUE(machine) << machine.error().message;
   const CalibrationPlan plan{*TargetBoard::parse(kBoard), 15, 3, 24, 4, {1, 1e-4}, {1, 1e-4}};
-  Operator hand(station);
+  BoardOperator hand(station, kBoard, {"@0,0,55,0,-8,30", "@14,-8,55,0,10,150", "@-10,12,55,5,-12,270"});
   const auto input = take_calibration_views(*machine, plan, hand);
   ASSERT_TRUE(input) << input.error().reason;
   EXPECT_EQ(hand.asked.size(), 5u);

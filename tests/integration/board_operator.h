@@ -1,0 +1,97 @@
+#pragma once
+// An operator of the virtual scanner: puts boards where a calibration asks for them.
+
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "daemon/calibration/calibration_session.h"
+#include "daemon/scan_stops.h"
+#include "tests/integration/station.h"
+
+namespace celadon::testing {
+
+/// Poses of a board in front of the camera: middle in mm, turns in degrees (sim/README.md, "Calibration targets").
+/// @param raised_mm so that it clears the platter
+inline std::vector<std::string> held_poses(double raised_mm) {
+  std::vector<std::string> poses;
+  int i = 0;
+  for (const double side : {-45., 0., 45.}) {
+    for (const double z : {34., 60., 94.}) {
+      for (const double near : {-30., 35.}) {
+        const double tilts[][3] = {{0, 38, 35}, {0, -30, 25}, {10, 0, 60}, {-10, 38, 0}, {20, 15, 45}, {-20, -25, 15}};
+        const auto& tilt = tilts[i++ % 6];
+        // The camera stands 30 degrees beside the x axis.
+        const double x = 0.87 * near - 0.5 * side, y = 0.5 * near + 0.87 * side;
+        char text[120];
+        std::snprintf(text, sizeof text, "@held:%g,%g,%g,%g,%g,%g", x, y, z + raised_mm, tilt[0], tilt[1], tilt[2]);
+        poses.emplace_back(text);
+      }
+    }
+  }
+  return poses;
+}
+
+/// Moves boards in the simulator as a session asks for them.
+class BoardOperator : public CalibrationGuide {
+ public:
+  /// @param placements poses of the board on the platter, one after the other
+  BoardOperator(const Station& station, std::string board, std::vector<std::string> placements, double raised_mm = 0)
+      : station_(station),
+        board_(std::move(board)),
+        poses_(held_poses(raised_mm)),
+        placements_(std::move(placements)) {}
+
+  void ask(const std::string& instruction) override {
+    asked.push_back(instruction);
+    if (instruction.starts_with("Hold")) {
+      hold();
+    } else if (instruction.starts_with("Stand")) {
+      place("board:" + board_ + placements_[placed_++ % placements_.size()]);
+    } else {
+      place("empty");
+    }
+  }
+  bool done() override { return true; }
+  void on_look(const BoardLook& look) override {
+    ++looks;
+    if (!look.found) ++unfound;
+    std::printf("%s: %s%s %d. %s\n", poses_[pose_ % poses_.size()].c_str(), look.problem.c_str(),
+                look.still ? " still" : "", look.views, look.advice.c_str());
+    const bool taken = look.views > views_;
+    views_ = look.views;
+    if (taken || !look.found || (look.still && look.known)) {
+      ++pose_;
+      hold();
+    }
+  }
+  void on_turn(int, int, int, bool found) override { seen += found ? 1 : 0; }
+  void on_stop(int placement, const AxisStop& stop, bool found) override {
+    std::printf("placement %d, %s: %s\n", placement + 1, text_of(stop).c_str(), found ? "seen" : "not seen");
+    seen_at_stops += found ? 1 : 0;
+  }
+  std::optional<std::string> cancelled() override {
+    return pose_ > 3 * poses_.size() ? std::optional<std::string>("because no pose is left") : std::nullopt;
+  }
+
+  std::vector<std::string> asked;
+  int looks = 0, unfound = 0, seen = 0, seen_at_stops = 0;
+
+ private:
+  void hold() { place("board:" + board_ + poses_[pose_ % poses_.size()]); }
+  void place(const std::string& scene) const {
+    const auto answer = ask_simulator(station_.folder.path(), "scene " + scene);
+    EXPECT_EQ(answer["ok"], true) << answer;
+  }
+
+  const Station& station_;
+  std::string board_;
+  std::vector<std::string> poses_, placements_;
+  std::size_t pose_ = 0, placed_ = 0;
+  int views_ = 0;
+};
+
+}  // namespace celadon::testing
