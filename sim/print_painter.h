@@ -1,0 +1,36 @@
+#pragma once
+// Calibration targets in the picture under room light, sharper than what is about them.
+
+#include <functional>
+#include <vector>
+
+#include "sim/optics.h"
+#include "sim/scene.h"
+
+namespace celadon::sim {
+
+/// Draws what is printed within the outlines of a scene: sampled kSub times along each side of a pixel, blurred by the
+/// lens.
+class PrintPainter {
+ public:
+  explicit PrintPainter(const OpticsConfig& config);
+
+  /// @param brightness  of a printed place under room light
+  /// @param levels      height x width, painted over
+  void paint(const Scene& scene, const VirtualCamera& camera, const TablePose& pose,
+             const std::function<double(const Hit&)>& brightness, std::vector<float>& levels);
+
+ private:
+  static constexpr int kSub = 3;
+  struct Patch {
+    int x0, y0, x1, y1;  ///< pixels
+  };
+  Patch patch_of(const std::vector<Eigen::Vector3d>& outline, const VirtualCamera& camera, const TablePose& pose) const;
+  void blur(const Patch& patch, std::vector<float>& levels);
+
+  int width_, height_, margin_;
+  std::vector<float> taps_;          ///< of the lens, in samples
+  std::vector<float> fine_, lines_;  ///< samples of a patch; blurred along its rows, one a pixel
+};
+
+}  // namespace celadon::sim
