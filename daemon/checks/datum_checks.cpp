@@ -113,7 +113,7 @@ void add_tag_checks(std::vector<SelfCheck>& checks, const DatumEvidence& evidenc
       "fasten the camera and calibrate again"));
 }
 
-/// Mean and slope of heights over the distance from the axis, with the standard uncertainty of the mean.
+/// Mean and slope of heights over the distance from the axis, with the standard uncertainty at the ends.
 struct StraightLine {
   double mean = 0, slope = 0, middle = 0, half_length = 0, u = 0;
   double farthest() const { return std::abs(mean) + std::abs(slope) * half_length; }
@@ -125,6 +125,8 @@ StraightLine straight_through(const std::vector<PlatterHeight>& heights) {
   double low = INFINITY, high = -INFINITY;
   for (const PlatterHeight& h : heights) low = std::min(low, h.r_mm), high = std::max(high, h.r_mm);
   out.half_length = 0.5 * (high - low);
+  double stated = 0;
+  for (const PlatterHeight& h : heights) stated += h.sd_mm / static_cast<double>(heights.size());
   for (int round = 0; round < 4; ++round) {
     double n = 0, r = 0, z = 0, rr = 0, rz = 0;
     for (std::size_t k = 0; k < heights.size(); ++k) {
@@ -141,12 +143,14 @@ StraightLine straight_through(const std::vector<PlatterHeight>& heights) {
       off.push_back(std::abs(h.z_mm - out.mean - out.slope * (h.r_mm - out.middle)));
     std::vector<double> sorted = off;
     std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
-    const double scatter = std::max(sorted[sorted.size() / 2] / 0.6745, 1e-6);
+    // Of n heights the line has taken up two; and none is known better than it says.
+    const double taken = std::sqrt(n / std::max(n - 2, 1.)),
+                 scatter = std::max(sorted[sorted.size() / 2] / 0.6745, 1e-6);
     for (std::size_t k = 0; k < off.size(); ++k) {
       const double share = off[k] / (3 * scatter);
       weights[k] = 1 / ((1 + share * share) * (1 + share * share));
     }
-    out.u = scatter / std::sqrt(n);
+    out.u = std::max(scatter * taken, stated) * std::sqrt(1 / n + out.half_length * out.half_length / spread);
   }
   return out;
 }
