@@ -113,9 +113,10 @@ void add_tag_checks(std::vector<SelfCheck>& checks, const DatumEvidence& evidenc
       "fasten the camera and calibrate again"));
 }
 
-/// Mean and slope of heights over the distance from the axis, with the standard uncertainty at the ends.
+/// Mean and slope of heights over the distance from the axis, with standard uncertainties in the middle and at the
+/// ends.
 struct StraightLine {
-  double mean = 0, slope = 0, middle = 0, half_length = 0, u = 0;
+  double mean = 0, slope = 0, middle = 0, half_length = 0, u_middle = 0, u_end = 0;
   double farthest() const { return std::abs(mean) + std::abs(slope) * half_length; }
 };
 
@@ -150,7 +151,9 @@ StraightLine straight_through(const std::vector<PlatterHeight>& heights) {
       const double share = off[k] / (3 * scatter);
       weights[k] = 1 / ((1 + share * share) * (1 + share * share));
     }
-    out.u = std::max(scatter * taken, stated) * std::sqrt(1 / n + out.half_length * out.half_length / spread);
+    const double u = std::max(scatter * taken, stated);
+    out.u_middle = u / std::sqrt(n);
+    out.u_end = u * std::sqrt(1 / n + out.half_length * out.half_length / spread);
   }
   return out;
 }
@@ -192,9 +195,14 @@ SelfCheck laser_check(const DatumEvidence& evidence, int laser, const Calibratio
                     "by more");
   }
   const StraightLine seen = straight_through(own->heights);
-  const double limit =
-      std::max(std::hypot(kDatumSigmas * seen.u, kDatumCoverage * calibration.systematic_mm), kFinestLaser_mm);
-  return of_size(name, "mm", seen.farthest(), seen.u, limit, "height of the laser's line over the bare platter",
+  const auto limit = [&](double u) {
+    return std::max(std::hypot(kDatumSigmas * u, kDatumCoverage * calibration.systematic_mm), kFinestLaser_mm);
+  };
+  // Whichever is further beyond its limit: the ends move more, the middle is known better.
+  const double middle = std::abs(seen.mean), end = seen.farthest();
+  const bool by_middle = middle / limit(seen.u_middle) > end / limit(seen.u_end);
+  const double value = by_middle ? middle : end, u = by_middle ? seen.u_middle : seen.u_end;
+  return of_size(name, "mm", value, u, limit(u), "height of the laser's line over the bare platter",
                  text("the laser's line lies %.3f mm over the platter and %.2f mm/m oblique to it: the laser or the "
                       "camera has moved since the calibration, or the platter is another",
                       seen.mean, seen.slope * 1e3),
