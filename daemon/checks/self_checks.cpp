@@ -176,6 +176,7 @@ void add_harmonics(std::vector<SelfCheck>& checks, const RangeFit& piece, double
 struct Fields {
   std::vector<double> off_mm;
   double noise_mm = 0;
+  bool may_be_followed = false;  ///< by the surface: less than what is left may have been there
 };
 
 /// Of two turns, what they differ by: whatever the object's shape. Else what the surface misses its samples by; a text
@@ -184,7 +185,7 @@ std::variant<Fields, std::string> fields_of(const CheckedScan& scan, const Range
   constexpr double kMostSeen = 0.95;
   if (lasers_differ) return "the lasers differ, which would look like shaking";
   if (scan.agreement && !scan.agreement->around.empty()) {
-    Fields fields{scan.agreement->around, scan.agreement->around_noise / std::numbers::sqrt2};
+    Fields fields{scan.agreement->around, scan.agreement->around_noise / std::numbers::sqrt2, false};
     for (double& off : fields.off_mm) off /= std::numbers::sqrt2;
     return fields;
   }
@@ -201,33 +202,39 @@ std::variant<Fields, std::string> fields_of(const CheckedScan& scan, const Range
   // Correlation along the line only: what profiles have in common is what is looked for.
   const double kappa = piece.errors ? piece.errors->inflation.within : piece.report.kappa;
   const double per_field = static_cast<double>(samples_of(piece.report)) / ErrorMap::kAround;
-  return Fields{*around, piece.report.noise_mm * std::sqrt(kappa / per_field)};
+  return Fields{*around, piece.report.noise_mm * std::sqrt(kappa / per_field), freeform};
+}
+
+SelfCheck shaking(const char* name, double value, double noise, double u, double systematic_mm, const char* note) {
+  return judged(name, "mm", value, u, std::hypot(kSigmas * u + noise, kCoverage * systematic_mm), note,
+                "the object rocks, or camera, laser or table shake while the table turns",
+                "fasten the object, keep the machine away from what shakes it, scan slower or in steps");
+}
+
+SelfCheck jitter(const CheckedScan& scan) {
+  if (!scan.jitter) return unknown("jitter", "mm", "too few profiles stand between neighbours of the same laser");
+  return shaking("jitter", scan.jitter->mm, scan.jitter->noise_mm, scan.jitter->u_mm, scan.calibration.systematic_mm,
+                 "what the samples of a profile are off by in common between their neighbours, standard deviation");
 }
 
 SelfCheck steadiness(const CheckedScan& scan, const RangeFit& piece, bool lasers_differ) {
-  const auto judge = [&](double value, double noise, double u, const char* note) {
-    return judged("steadiness", "mm", value, u,
-                  std::hypot(kSigmas * u + noise, kCoverage * scan.calibration.systematic_mm), note,
-                  "the object rocks, or camera, laser or table shake while the table turns",
-                  "fasten the object, keep the machine away from what shakes it, scan slower or in steps");
-  };
-  std::optional<SelfCheck> fast;
-  if (scan.jitter) {
-    fast = judge(scan.jitter->mm, scan.jitter->noise_mm, scan.jitter->u_mm,
-                 "what the samples of a profile are off by in common between their neighbours, standard deviation");
-  }
-  if (fast && fast->verdict == CheckVerdict::failed) return *fast;
   const auto fields = fields_of(scan, piece, lasers_differ);
   if (const auto* const why = std::get_if<std::string>(&fields)) return unknown("steadiness", "mm", *why);
-  const auto& [off_mm, noise_mm] = std::get<Fields>(fields);
+  const auto& [off_mm, noise_mm, may_be_followed] = std::get<Fields>(fields);
   // What shakes does so all around; a dent, or edges that the surface cannot follow, are in some places.
   const std::vector<double> left = beyond_harmonics(off_mm);
   double square = 0;
   for (const double off : left) square += off * off / static_cast<double>(left.size());
   const double value = std::min(std::sqrt(square), robust_deviation(left, median(left)));
-  SelfCheck slow = judge(value, noise_mm, noise_mm / std::sqrt(2. * static_cast<double>(left.size())),
-                         "what fields of 2 degrees are off by over the whole height, root mean square");
-  return slow.verdict == CheckVerdict::failed || !fast || slow.value > fast->value ? slow : *fast;
+  SelfCheck check = shaking("steadiness", value, noise_mm, noise_mm / std::sqrt(2. * static_cast<double>(left.size())),
+                            scan.calibration.systematic_mm,
+                            "what fields of 2 degrees are off by over the whole height, root mean square");
+  if (check.verdict == CheckVerdict::passed && may_be_followed) {
+    return unknown(
+        "steadiness", "mm",
+        "a surface of free form takes slow rocking for shape; a second turn, by another laser, tells them apart");
+  }
+  return check;
 }
 
 /// Mean and scatter of what two lasers differ by; nothing where there is one laser.
@@ -332,6 +339,7 @@ std::vector<SelfCheck> self_checks(const CheckedScan& scan) {
   const bool differ = std::any_of(lasers.begin(), lasers.end(),
                                   [](const SelfCheck& check) { return check.verdict == CheckVerdict::failed; });
   checks.push_back(steadiness(scan, piece, differ));
+  checks.push_back(jitter(scan));
   std::move(lasers.begin(), lasers.end(), std::back_inserter(checks));
   std::vector<SelfCheck> stops = stop_checks(scan);
   std::move(stops.begin(), stops.end(), std::back_inserter(checks));

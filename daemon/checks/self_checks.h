@@ -26,7 +26,7 @@ struct CheckedScan {
   std::optional<JitterResult> jitter{};       ///< of the profiles of all turns; nullopt: too few
 };
 
-/// Closure, angle of a turn, harmonics, steadiness, and what lasers and stops differ by, in this order. Limits are four
+/// Closure, angle of a turn, harmonics, steadiness, jitter, and what lasers and stops differ by, in this order. Limits are four
 /// standard uncertainties of the check itself and, added in squares, twice what the calibration says that it does not
 /// know.
 std::vector<SelfCheck> self_checks(const CheckedScan& scan);

@@ -258,6 +258,31 @@ TEST(SelfChecks, TwoTurnsTellShakingWhateverTheSurfaceMisses) {
   EXPECT_NEAR(*named(shaken, "steadiness").value, 0.05, 0.002);  // of one turn
 }
 
+// A free form may have followed what rocks, and its errors then say nothing.
+TEST(SelfChecks, OfAFreeFormSteadinessIsNotPassedInOneTurn) {
+  RangeFit fit = round_fit();
+  fit.report.model = SurfaceModel::general;
+  miss(fit, [](double) { return 0; });
+  const OverlapResult overlap = compared(round_body, {});
+  EXPECT_EQ(named(checked(fit, overlap), "steadiness").verdict, CheckVerdict::not_verifiable);
+  miss(fit, [](double t) { return 0.1 * std::sin(31 * t); });
+  EXPECT_EQ(named(checked(fit, overlap), "steadiness").verdict, CheckVerdict::failed);
+}
+
+TEST(SelfChecks, JitterIsJudgedByItself) {
+  RangeFit fit = round_fit();
+  miss(fit, [](double) { return 0; });
+  const BodyFit body{fit};
+  const Calibration calibration = calibrated(0.005);
+  CheckedScan scan{body, calibration, compared(round_body, {}), std::nullopt};
+  EXPECT_EQ(named(self_checks(scan), "jitter").verdict, CheckVerdict::not_verifiable);
+  scan.jitter = JitterResult{0.004, 0.003, 0.0005, 300};
+  EXPECT_EQ(named(self_checks(scan), "jitter").verdict, CheckVerdict::passed);
+  scan.jitter->mm = 0.02;
+  EXPECT_EQ(named(self_checks(scan), "jitter").verdict, CheckVerdict::failed);
+  EXPECT_EQ(named(self_checks(scan), "steadiness").verdict, CheckVerdict::passed);
+}
+
 TEST(SelfChecks, WhatAnObjectCannotShowIsNotPassed) {
   RangeFit fit = round_fit();
   miss(fit, [](double) { return 0; });
