@@ -10,7 +10,6 @@
 namespace celadon {
 namespace {
 
-constexpr double kTurn_rad = 2 * std::numbers::pi;
 constexpr std::size_t kEdgeRows = 2;           // that may show the end of a line
 constexpr double kBrightShare = 0.05;          // of the rows
 constexpr double kBest = 200, kDim = 80;       // grey levels of bright places: from 250 on they are saturated
@@ -20,7 +19,7 @@ constexpr double kShorter = 0.6, kLonger = 4;  // by which an exposure is change
 constexpr double kSectorOf_deg = 360. / ViewReading::kSectors;
 
 template <class... Values>
-std::string text(const char* format, Values... values) {
+std::string sentence(const char* format, Values... values) {
   char out[240];
   std::snprintf(out, sizeof out, format, values...);
   return out;
@@ -40,7 +39,7 @@ std::string where(const ViewReading& reading, const Holds& holds) {
   }
   const double first_deg = static_cast<double>(after_gap) * kSectorOf_deg,
                last_deg = std::fmod(first_deg + static_cast<double>(n - longest_gap) * kSectorOf_deg, 360.);
-  return text("from %.0f to %.0f degrees", first_deg, last_deg == 0 ? 360. : last_deg);
+  return sentence("from %.0f to %.0f degrees", first_deg, last_deg == 0 ? 360. : last_deg);
 }
 
 double share(std::uint64_t part, std::uint64_t whole) {
@@ -61,7 +60,7 @@ void fail(SelfCheck& check, std::string cause, std::string remedy) {
 
 void ViewWatch::see(std::span<const LineRow> rows, const Profile& profile) {
   if (profile.size() == 0) return;
-  double turned = profile.theta_rad[profile.size() / 2] / kTurn_rad;
+  double turned = profile.theta_rad[profile.size() / 2] / (2 * std::numbers::pi);
   turned -= std::floor(turned);
   const std::size_t at = std::min(static_cast<std::size_t>(turned * ViewReading::kSectors), ViewReading::kSectors - 1);
   ViewSector& sector = sectors_[at];
@@ -136,13 +135,13 @@ std::vector<SelfCheck> view_checks(const ViewReading& reading, const ExposureAdv
                              "share of the line's rows that are saturated, in the 15 degrees with most");
   const bool any_faint = std::any_of(sectors.begin(), sectors.end(), faint);
   if (std::any_of(sectors.begin(), sectors.end(), saturated)) {
-    fail(light, text("the line is saturated at %.3g ms ", exposure.exposure_ms) + where(reading, saturated),
+    fail(light, sentence("the line is saturated at %.3g ms ", exposure.exposure_ms) + where(reading, saturated),
          any_faint ? "the object is bright and dark: dull it with matting spray, or scan it twice"
-                   : text("expose for %.3g ms (--exposure)", exposure.better_ms));
+                   : sentence("expose for %.3g ms (--exposure)", exposure.better_ms));
   } else if (any_faint) {
-    fail(light, text("the line is hardly seen at %.3g ms ", exposure.exposure_ms) + where(reading, faint),
+    fail(light, sentence("the line is hardly seen at %.3g ms ", exposure.exposure_ms) + where(reading, faint),
          exposure.is_good ? "dull the object with matting spray"
-                          : text("expose for %.3g ms (--exposure)", exposure.better_ms));
+                          : sentence("expose for %.3g ms (--exposure)", exposure.better_ms));
   }
   return {view, light};
 }

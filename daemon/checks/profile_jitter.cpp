@@ -8,7 +8,7 @@
 namespace celadon {
 namespace {
 
-constexpr std::size_t kFewestProfiles = 60, kFewestRows = 64;
+constexpr std::size_t kFewestCompared = 60, kFewestRows = 64;
 constexpr double kUnequal = 1.5;   // of the angles between profiles; more: a frame was lost, or a turn began
 constexpr double kEdgeScales = 3;  // rows that are off by more than this times the robust scale are edges
 constexpr std::size_t kBlocks = 16;
@@ -85,7 +85,7 @@ void ProfileJitter::compare() {
 }
 
 std::optional<JitterResult> ProfileJitter::result() const {
-  if (common_mm_.size() < kFewestProfiles) return std::nullopt;
+  if (common_mm_.size() < kFewestCompared) return std::nullopt;
   JitterResult result;
   result.profiles = common_mm_.size();
   result.mm = robust_deviation(common_mm_, 0);
