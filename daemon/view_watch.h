@@ -28,8 +28,8 @@ struct ViewReading {
 
 class ViewWatch {
  public:
-  /// A frame's line, by row, and what of it lies in the scanner's volume. The last frames' rows tell where the picture
-  /// ends.
+  /// @param rows     the line in every row (column) of the picture, whose ends are the picture's edges
+  /// @param profile  what of it lies in the scanner's volume
   void see(std::span<const LineRow> rows, const Profile& profile);
   ViewReading reading() const;
 

@@ -10,6 +10,7 @@
 #include <string>
 
 #include "fitting/moment_kernels.h"
+#include "fitting/row_sums.h"
 
 namespace celadon {
 namespace {
@@ -173,7 +174,7 @@ void MomentGrid::add_regular(const Eigen::Ref<const Eigen::Matrix<double, -1, -1
   int current = -1;
   const auto flush = [&] {
     if (rows.empty()) return;
-    moment_kernels::sum_rows({rows.data(), t_powers.data(), rows.size(), columns, q, true}, sums.data());
+    sum_rows({rows.data(), t_powers.data(), rows.size(), columns, q, true}, sums.data());
     for (const Run& run : runs) {
       double* to = cells_.data() + static_cast<std::ptrdiff_t>(current * z_cells() + run.z_cell) * layout_.stride();
       for (int b = 0; b <= 2 * p; ++b)

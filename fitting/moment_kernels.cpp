@@ -399,57 +399,6 @@ std::size_t add_profile(const Grid& g, double v, const double* r, const double* 
   }
 }
 
-// kVectors of columns at a time stay in registers over all rows.
-template <int kQ, bool kSquares, int kVectors>
-HWY_INLINE void sum_columns(const Rows& rows, std::size_t column, double* sums) {
-  const D d;
-  const std::size_t lanes = hn::Lanes(d);
-  constexpr std::size_t kSums = kQ + (kSquares ? 2 : 1);
-  hn::Vec<D> sum[kSums][kVectors];
-  for (auto& line : sum)
-    for (auto& part : line) part = hn::Zero(d);
-  for (std::size_t i = 0; i < rows.rows; ++i) {
-    const double *r = rows.r[i] + column, *factors = rows.factors + i * (kQ + 1);
-    for (std::size_t k = 0; k < kVectors; ++k) {
-      const auto range = hn::LoadU(d, r + k * lanes);
-      for (int a = 0; a <= kQ; ++a) sum[a][k] = hn::MulAdd(range, hn::Set(d, factors[a]), sum[a][k]);
-      if (kSquares) sum[kSums - 1][k] = hn::MulAdd(range, range, sum[kSums - 1][k]);
-    }
-  }
-  for (std::size_t a = 0; a < kSums; ++a)
-    for (std::size_t k = 0; k < kVectors; ++k) hn::StoreU(sum[a][k], d, sums + a * rows.columns + column + k * lanes);
-}
-
-template <int kQ, bool kSquares>
-void sum_rows_of(const Rows& rows, double* sums) {
-  const std::size_t lanes = hn::Lanes(D());
-  constexpr int kVectors = HWY_MAX_BYTES == 64 ? 4 : 2;  // as many as there are registers for
-  std::size_t column = 0;
-  for (; column + kVectors * lanes <= rows.columns; column += kVectors * lanes)
-    sum_columns<kQ, kSquares, kVectors>(rows, column, sums);
-  for (; column + lanes <= rows.columns; column += lanes) sum_columns<kQ, kSquares, 1>(rows, column, sums);
-  for (; column < rows.columns; ++column)
-    for (std::size_t a = 0; a < kQ + (kSquares ? 2 : 1); ++a) {
-      double sum = 0;
-      for (std::size_t i = 0; i < rows.rows; ++i) {
-        const double r = rows.r[i][column];
-        sum += r * (a <= kQ ? rows.factors[i * (kQ + 1) + a] : r);
-      }
-      sums[a * rows.columns + column] = sum;
-    }
-}
-
-template <int kQ>
-void sum_rows_of_degree(const Rows& rows, double* sums) {
-  if constexpr (kQ < 5)
-    if (rows.degree_v != kQ) return sum_rows_of_degree<kQ + 1>(rows, sums);
-  rows.squares ? sum_rows_of<kQ, true>(rows, sums) : sum_rows_of<kQ, false>(rows, sums);
-}
-
-void sum_rows(const Rows& rows, double* sums) {
-  sum_rows_of_degree<1>(rows, sums);
-}
-
 void dot_products(const double* x, std::size_t step, int count, const double* y, std::size_t n, double* out) {
   const D d;
   const std::size_t lanes = hn::Lanes(d);
@@ -485,7 +434,6 @@ namespace celadon::moment_kernels {
 HWY_EXPORT(add_block);
 HWY_EXPORT(add_profile);
 HWY_EXPORT(all_positive);
-HWY_EXPORT(sum_rows);
 HWY_EXPORT(dot_products);
 HWY_EXPORT(target_name);
 
@@ -498,9 +446,6 @@ std::size_t add_profile(const Grid& grid, double v, const double* r, const doubl
 }
 bool all_positive(const double* values, std::size_t n) {
   return HWY_DYNAMIC_DISPATCH(all_positive)(values, n);
-}
-void sum_rows(const Rows& rows, double* sums) {
-  HWY_DYNAMIC_DISPATCH(sum_rows)(rows, sums);
 }
 void dot_products(const double* x, std::size_t step, int count, const double* y, std::size_t n, double* out) {
   HWY_DYNAMIC_DISPATCH(dot_products)(x, step, count, y, n, out);

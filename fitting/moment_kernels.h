@@ -29,17 +29,6 @@ bool all_positive(const double* values, std::size_t n);
 /// Samples of one profile that share v; returns the number added. `positive`: all_positive(r, n).
 std::size_t add_profile(const Grid& grid, double v, const double* r, const double* z, std::size_t n, bool positive);
 
-/// Rows of a regular grid that share a v cell, each of `columns` ranges, with q + 1 factors each: powers of its t, or
-/// the values of functions there.
-struct Rows {
-  const double* const* r;
-  const double* factors;  ///< factors[row * (degree_v + 1) + a], a = 0..q
-  std::size_t rows, columns;
-  int degree_v;
-  bool squares;
-};
-/// sums[a * columns + j] = sum over the rows of r_j times factor a, and of r_j^2 at a = q + 1 if wanted.
-void sum_rows(const Rows& rows, double* sums);
 /// out[a] = sum over k < n of x[k] y[k] of `count` pairs of arrays: x + a * step against one y.
 void dot_products(const double* x, std::size_t step, int count, const double* y, std::size_t n, double* out);
 

@@ -11,6 +11,7 @@
 #include "fitting/banded_cholesky.h"
 #include "fitting/bspline_basis.h"
 #include "fitting/moment_kernels.h"
+#include "fitting/row_sums.h"
 
 namespace celadon {
 
@@ -102,8 +103,7 @@ class RowSums {
   const RowMajor& finish() {
     if (!rows_.empty()) {
       const auto columns = static_cast<std::size_t>(run_sums_.cols());
-      moment_kernels::sum_rows({rows_.data(), values_.data(), rows_.size(), columns, active_ - 1, false},
-                               run_sums_.data());
+      sum_rows({rows_.data(), values_.data(), rows_.size(), columns, active_ - 1, false}, run_sums_.data());
       const auto active = v_.active(interval_);
       for (std::size_t a = 0; a < active.size(); ++a) {
         sums_.row(active[a]) += run_sums_.row(static_cast<Eigen::Index>(a));

@@ -94,4 +94,21 @@ class BoardOperator : public CalibrationGuide {
   int views_ = 0;
 };
 
+inline void print_steps(const CalibrationSolution& solved) {
+  for (const CalibrationStep& step : solved.steps) {
+    std::printf("%s: %d %s %s\n", step.name.c_str(), static_cast<int>(step.verdict), step.finding.c_str(),
+                step.remedy.c_str());
+  }
+}
+
+/// With the names of the machine that scans with it, and the time model, which a calibration does not measure.
+inline Calibration for_scans(Calibration solved, const ScannerConnection& machine, const Calibration& truth) {
+  solved.machine = machine.device->identity().machine;
+  solved.camera = machine.camera->mode().identity;
+  solved.date = "2026-01-01T00:00:00Z";
+  solved.simulated = true;
+  solved.time = truth.time;
+  return solved;
+}
+
 }  // namespace celadon::testing

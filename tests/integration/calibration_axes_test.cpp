@@ -110,22 +110,14 @@ TEST(CalibratingAxes, HeadAndLiftAreThoseOfTheTruthAndStopsOfAScanAgree) {
   EXPECT_NEAR(stands["lift"]["height_mm"].get<double>(), 0, 0.02);
   const auto solved = solve_calibration(*input);
   ASSERT_TRUE(solved) << solved.error();
-  for (const CalibrationStep& step : solved->steps) {
-    std::printf("%s: %d %s %s\n", step.name.c_str(), static_cast<int>(step.verdict), step.finding.c_str(),
-                step.remedy.c_str());
-  }
+  print_steps(*solved);
   EXPECT_NE(solved->verdict, Verdict::refused);
   const auto truth = read_calibration(station.folder / "calibration.toml");
   ASSERT_TRUE(truth);
   expect_true_axes(solved->calibration, *truth);
   expect_stops_that_meet(solved->calibration, *truth);
 
-  Calibration calibration = solved->calibration;
-  calibration.machine = machine->device->identity().machine;
-  calibration.camera = machine->camera->mode().identity;
-  calibration.date = "2026-01-01T00:00:00Z";
-  calibration.simulated = true;
-  calibration.time = truth->time;
+  const Calibration calibration = for_scans(solved->calibration, *machine, *truth);
   machine->device.reset();
   machine = tl::make_unexpected(ConnectError{});  // the machine is the daemon's now
   station.folder.write("calibration.toml", format_calibration(calibration));

@@ -32,19 +32,11 @@ TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
               input->views.size(), hand.seen);
   const auto solved = solve_calibration(*input);
   ASSERT_TRUE(solved) << solved.error();
-  for (const CalibrationStep& step : solved->steps) {
-    std::printf("%s: %d %s %s\n", step.name.c_str(), static_cast<int>(step.verdict), step.finding.c_str(),
-                step.remedy.c_str());
-  }
+  print_steps(*solved);
   EXPECT_NE(solved->verdict, Verdict::refused);
-  Calibration calibration = solved->calibration;
   const auto truth = read_calibration(station.folder / "calibration.toml");
   ASSERT_TRUE(truth);
-  calibration.machine = machine->device->identity().machine;
-  calibration.camera = machine->camera->mode().identity;
-  calibration.date = "2026-01-01T00:00:00Z";
-  calibration.simulated = true;
-  calibration.time = truth->time;
+  const Calibration calibration = for_scans(solved->calibration, *machine, *truth);
   std::printf("systematic %.4f mm; corners %.4f px, held out %.4f px, lines %.4f mm\n", calibration.systematic_mm,
               solved->corner_rms_px, solved->held_out_rms_px, solved->line_rms_mm);
   std::printf("%s\ntruth:\n%s\n", format_calibration(calibration).c_str(), format_calibration(*truth).c_str());

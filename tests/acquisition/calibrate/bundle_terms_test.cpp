@@ -16,6 +16,7 @@
 #include "acquisition/calibrate/line_distance.h"
 #include "acquisition/calibrate/residual_terms.h"
 #include "acquisition/calibrate/uncertainty.h"
+#include "tests/acquisition/calibrate/derivatives.h"
 #include "tests/acquisition/calibrate/true_machine.h"
 
 namespace celadon::calibrate {
@@ -138,33 +139,8 @@ TEST(CalibrationTerms, DerivativesAreThoseOfTheResiduals) {
   for (auto& pose : parameters.poses) pose = {0.01, -0.02, 0.005, 0.3, -0.2, 0.1};
   std::map<std::size_t, int> kinds;
   for (const Term& term : terms_of(*observations, estimate, parameters)) {
-    const auto& sizes = term.cost->parameter_block_sizes();
-    const auto count = static_cast<std::size_t>(term.cost->num_residuals());
-    std::vector<std::vector<double>> jacobians;
-    std::vector<double*> targets;
-    for (int size : sizes) jacobians.emplace_back(count * static_cast<std::size_t>(size));
-    for (auto& jacobian : jacobians) targets.push_back(jacobian.data());
-    std::vector<double> r(count), above(count), below(count);
-    ASSERT_TRUE(term.cost->Evaluate(term.blocks.data(), r.data(), targets.data()));
-    ++kinds[sizes.size()];
-    for (std::size_t b = 0; b < sizes.size(); ++b) {
-      const auto size = static_cast<std::size_t>(sizes[b]);
-      for (std::size_t i = 0; i < size; ++i) {
-        double& x = term.blocks[b][i];
-        const double at = x, step = 1e-5 * std::max(1e-1, std::min(std::abs(at), 100.0));
-        x = at + step;
-        ASSERT_TRUE(term.cost->Evaluate(term.blocks.data(), above.data(), nullptr));
-        x = at - step;
-        ASSERT_TRUE(term.cost->Evaluate(term.blocks.data(), below.data(), nullptr));
-        x = at;
-        double largest = 1;
-        for (std::size_t k = 0; k < count; ++k) largest = std::max(largest, std::abs(jacobians[b][k * size + i]));
-        for (std::size_t k = 0; k < count; ++k) {
-          EXPECT_NEAR(jacobians[b][k * size + i], (above[k] - below[k]) / (2 * step), 2e-5 * largest)
-              << "block " << b << " of " << sizes.size() << ", parameter " << i;
-        }
-      }
-    }
+    ++kinds[term.blocks.size()];
+    test::expect_true_derivatives(term);
   }
   EXPECT_EQ(kinds[1], 2);      // priors
   EXPECT_EQ(kinds[3], 3);      // held corners
