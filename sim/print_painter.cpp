@@ -26,13 +26,13 @@ enum class Seen : std::uint8_t { platter, object, nothing };
 class Corners {
  public:
   Corners(int x0, int y0, int x1, int y1, const std::function<Vector3d(int, int)>& ray_T,
-          const std::function<Seen(const Vector3d&)>& seen_along)
+          const std::function<Seen(int, const Vector3d&)>& seen_along)
       : x0_(x0 - kCell), y0_(y0 - kCell), columns_((x1 - x0 + kCell - 1) / kCell + 3) {
     const int rows = (y1 - y0 + kCell - 1) / kCell + 3;
     for (int j = 0; j < rows; ++j) {
       for (int i = 0; i < columns_; ++i) {
         rays_T_.push_back(ray_T(x0_ + i * kCell, y0_ + j * kCell));
-        seen_.push_back(seen_along(rays_T_.back()));
+        seen_.push_back(seen_along(y0_ + j * kCell, rays_T_.back()));
       }
     }
   }
@@ -78,37 +78,44 @@ PrintPainter::PrintPainter(const OpticsConfig& config)
 }
 
 PrintPainter::Patch PrintPainter::patch_of(const std::vector<Vector3d>& outline, const VirtualCamera& camera,
-                                           const TablePose& pose) const {
+                                           const std::function<TablePose(int)>& pose_of_row) const {
   Eigen::Vector2d low(width_, height_), high(0, 0);
-  for (const Vector3d& p : outline) {
-    const Eigen::Vector2d pixel = camera.project(pose.to_head(p));
-    low = low.cwiseMin(pixel);
-    high = high.cwiseMax(pixel);
+  for (const int row : {0, height_ - 1}) {
+    const TablePose pose = pose_of_row(row);
+    for (const Vector3d& p : outline) {
+      const Eigen::Vector2d pixel = camera.project(pose.to_head(p));
+      low = low.cwiseMin(pixel);
+      high = high.cwiseMax(pixel);
+    }
   }
   return {std::max(0, static_cast<int>(low.x()) - margin_), std::max(0, static_cast<int>(low.y()) - margin_),
           std::min(width_, static_cast<int>(high.x()) + margin_ + 1),
           std::min(height_, static_cast<int>(high.y()) + margin_ + 1)};
 }
 
-void PrintPainter::paint(const Scene& scene, const VirtualCamera& camera, const TablePose& pose,
+void PrintPainter::paint(const Scene& scene, const VirtualCamera& camera,
+                         const std::function<TablePose(int)>& pose_of_row,
                          const std::function<double(const Hit&)>& brightness, std::vector<float>& levels) {
-  const Vector3d centre_T = pose.to_table(camera.centre_W());
-  const auto exact_ray_T = [&](int x, int y) { return pose.direction_to_table(camera.ray_W(x, y)); };
-  const auto seen_along = [&](const Vector3d& ray_T) {
-    const auto hit = scene.intersect({centre_T, ray_T});
+  const auto centre_T_of = [&](int row) { return pose_of_row(row).to_table(camera.centre_W()); };
+  const auto exact_ray_T = [&](int x, int y) { return pose_of_row(y).direction_to_table(camera.ray_W(x, y)); };
+  const auto seen_along = [&](int row, const Vector3d& ray_T) {
+    const auto hit = scene.intersect({centre_T_of(row), ray_T});
     return !hit ? Seen::nothing : hit->material == Material::platter ? Seen::platter : Seen::object;
   };
   const bool object_hides = !scene.object_is_printed();
   const RimTags& tags = scene.rim_tags();
-  const Vector3d up(0, 0, centre_T.z() >= 0 ? 1 : -1);
+  const Vector3d up(0, 0, centre_T_of(height_ / 2).z() >= 0 ? 1 : -1);
   for (const auto& outline : scene.printed()) {
-    const Patch patch = patch_of(outline, camera, pose);
+    const Patch patch = patch_of(outline, camera, pose_of_row);
     if (patch.x0 >= patch.x1 || patch.y0 >= patch.y1) continue;
     const Corners corners(patch.x0, patch.y0, patch.x1, patch.y1, exact_ray_T, seen_along);
     const std::size_t tag = tags.nearest(outline.front().x(), outline.front().y());
     const int columns = (patch.x1 - patch.x0) * kSub;
     fine_.resize(static_cast<std::size_t>(columns) * static_cast<std::size_t>((patch.y1 - patch.y0) * kSub));
     for (int y = patch.y0; y < patch.y1; ++y) {
+      const TablePose pose = pose_of_row(y);
+      const Vector3d centre_T = pose.to_table(camera.centre_W());
+      const auto ray_T_of_row = [&](int x, int row) { return pose.direction_to_table(camera.ray_W(x, row)); };
       for (int x = patch.x0; x < patch.x1; ++x) {
         const float plain = levels[static_cast<std::size_t>(y * width_ + x)];
         float* const out = &fine_[static_cast<std::size_t>((y - patch.y0) * kSub * columns + (x - patch.x0) * kSub)];
@@ -117,9 +124,9 @@ void PrintPainter::paint(const Scene& scene, const VirtualCamera& camera, const 
           continue;
         }
         const bool on_platter = corners.all(Seen::platter, x, y);
-        const Vector3d d = on_platter ? corners.ray_T(x, y) : exact_ray_T(x, y),
-                       right = (on_platter ? corners.ray_T(x + 1, y) : exact_ray_T(x + 1, y)) - d,
-                       down = (on_platter ? corners.ray_T(x, y + 1) : exact_ray_T(x, y + 1)) - d;
+        const Vector3d d = on_platter ? corners.ray_T(x, y) : ray_T_of_row(x, y),
+                       right = (on_platter ? corners.ray_T(x + 1, y) : ray_T_of_row(x + 1, y)) - d,
+                       down = (on_platter ? corners.ray_T(x, y + 1) : ray_T_of_row(x, y + 1)) - d;
         const auto hit_along = [&](const Vector3d& ray_T) -> std::optional<Hit> {
           if (!on_platter) return scene.intersect({centre_T, ray_T});
           const double t = -centre_T.z() / ray_T.z();

@@ -15,9 +15,10 @@ class PrintPainter {
  public:
   explicit PrintPainter(const OpticsConfig& config);
 
+  /// @param pose_of_row where the table is while a row is exposed
   /// @param brightness  of a printed place under room light
   /// @param levels      height x width, painted over
-  void paint(const Scene& scene, const VirtualCamera& camera, const TablePose& pose,
+  void paint(const Scene& scene, const VirtualCamera& camera, const std::function<TablePose(int)>& pose_of_row,
              const std::function<double(const Hit&)>& brightness, std::vector<float>& levels);
 
  private:
@@ -25,7 +26,8 @@ class PrintPainter {
   struct Patch {
     int x0, y0, x1, y1;  ///< pixels
   };
-  Patch patch_of(const std::vector<Eigen::Vector3d>& outline, const VirtualCamera& camera, const TablePose& pose) const;
+  Patch patch_of(const std::vector<Eigen::Vector3d>& outline, const VirtualCamera& camera,
+                 const std::function<TablePose(int)>& pose_of_row) const;
   void blur(const Patch& patch, std::vector<float>& levels);
 
   int width_, height_, margin_;

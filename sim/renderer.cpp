@@ -137,7 +137,7 @@ void Renderer::render(const Exposure& exposure, std::span<std::uint8_t> out, std
   const auto columns = static_cast<std::size_t>(width);
   draw_lasers(exposure);
   const Posture posture = exposure.posture_at(0.5 * height, 0);
-  room_.update(scene_, camera_, posture);
+  room_.update(scene_, camera_, exposure);
   const RandomKey speckle_key = make_key(exposure.seed, kSpecklePurpose, speckle_cell(posture));
   const RandomKey pixel_key = make_key(exposure.seed, kPixelPurpose, exposure.frame);
   const auto room = static_cast<float>(exposure.ambient_factor * static_cast<double>(exposure.exposure_ns) /

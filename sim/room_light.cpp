@@ -29,7 +29,9 @@ RoomLight::RoomLight(const OpticsConfig& config)
       levels_(shaded_.size()),
       painter_(config) {}
 
-void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Posture& posture) {
+void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure) {
+  const int height = config_.camera.height_px;
+  const Posture posture = exposure.posture_at(0.5 * height, 0);
   const bool plain = scene.printed().empty();
   const auto stepped = [](double value, double step) { return std::round(value / step) * step; };
   Posture exact, near;  // near: for what may be shown a little turned
@@ -41,15 +43,19 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Po
   }
   const bool shaded = ready_ && near == shaded_at_;
   if (!shaded) shade(scene, camera, near);
-  if (shaded && (plain || exact == printed_at_)) return;
+  const bool rows_differ = !plain && apart_rad(exposure.posture_at(0, 0), exposure.posture_at(height - 1.0, 0),
+                                               !scene.turns_invisibly()) > kPrintedCell_rad;
+  if (shaded && (plain || (exact == printed_at_ && !rows_differ))) return;
   levels_ = shaded_;
   const Vector3d lamp_T = lamp_in_table(exact);
+  const TablePose middle = scene.table_pose(exact, {}, config_.axes);
   painter_.paint(
-      scene, camera, scene.table_pose(exact, {}, config_.axes), [&](const Hit& hit) { return brightness(hit, lamp_T); },
-      levels_);
+      scene, camera,
+      [&](int row) { return rows_differ ? scene.table_pose(exposure.posture_at(row, 0), {}, config_.axes) : middle; },
+      [&](const Hit& hit) { return brightness(hit, lamp_T); }, levels_);
   ready_ = true;
   shaded_at_ = near;
-  printed_at_ = exact;
+  printed_at_ = rows_differ ? std::nullopt : std::optional(exact);
 }
 
 // Room light: a gradient over the background, and the object and platter shaded by a broad lamp above the camera.

@@ -1,8 +1,10 @@
 #pragma once
 // The picture without the laser: background, object and platter under room light.
 
+#include <optional>
 #include <vector>
 
+#include "sim/exposure.h"
 #include "sim/optics.h"
 #include "sim/print_painter.h"
 #include "sim/scene.h"
@@ -13,9 +15,9 @@ class RoomLight {
  public:
   explicit RoomLight(const OpticsConfig& config);
 
-  /// Makes levels() those of this posture: in steps of five degrees of the table, of a degree of the head, of a
-  /// millimetre of the lift; with calibration targets exactly there.
-  void update(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
+  /// Makes levels() those of the middle of an exposure: in steps of five degrees of the table, of a degree of the head,
+  /// of a millimetre of the lift; with calibration targets exactly there, in each row as it is exposed.
+  void update(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure);
   /// The object or the camera was moved.
   void forget() { ready_ = false; }
   /// Height x width, at the reference exposure.
@@ -29,7 +31,8 @@ class RoomLight {
   std::vector<float> shaded_, levels_;  ///< without and with prints
   PrintPainter painter_;
   std::vector<Eigen::Vector3d> rays_H_;  ///< of the pixels that are looked at
-  Posture shaded_at_, printed_at_;
+  Posture shaded_at_;
+  std::optional<Posture> printed_at_;  ///< nullopt: its rows are of different postures
   bool ready_ = false;
 };
 

@@ -11,6 +11,8 @@
 #include "acquisition/calibrate/initial_planes.h"
 #include "acquisition/calibrate/initial_stops.h"
 #include "acquisition/calibrate/outliers.h"
+#include "acquisition/calibrate/time_solver.h"
+#include "acquisition/calibrate/time_verdict.h"
 #include "acquisition/calibrate/uncertainty.h"
 #include "acquisition/calibrate/verdicts.h"
 #include "acquisition/calibration_change.h"
@@ -193,6 +195,12 @@ tl::expected<CalibrationSolution, std::string> solve_calibration(const Calibrati
   out.chi_square = uncertainty.information().chi_square;
   out.degrees_of_freedom = uncertainty.information().degrees_of_freedom;
   out.steps = judge(input, *observations, solved, uncertainty, out);
+  out.calibration.time = input.assumed_time;
+  if (!input.sweeps.empty()) {
+    const auto time = estimate_time(input.sweeps, input.assumed_time, solved, *observations);
+    if (time) out.calibration.time = time->time;
+    out.steps.push_back(judge_time(time, input.height_px));
+  }
   out.verdict = Verdict::good;
   for (const CalibrationStep& step : out.steps) out.verdict = std::max(out.verdict, step.verdict);
   return out;

@@ -15,14 +15,14 @@ enum class Verdict { good, usable, refused };
 
 /// One step of a calibration, or one thing that limits it.
 struct CalibrationStep {
-  std::string name;  ///< "camera", "laser 0", "axis", "encoder", "scale", "platter", "elevation", "lift"
+  std::string name;  ///< "camera", "laser 0", "axis", "encoder", "scale", "platter", "elevation", "lift", "time"
   Verdict verdict = Verdict::refused;
   std::string finding;  ///< values and limits in one sentence
   std::string remedy;   ///< what to do; empty if good
 };
 
 struct CalibrationSolution {
-  /// Identity, date, time model and `simulated` are the caller's. systematic_mm: standard uncertainty of a radius that
+  /// Identity, date and `simulated` are the caller's; the time model is the assumed one unless sweeps show it. systematic_mm: standard uncertainty of a radius that
   /// the parameters' joint covariance gives, the largest within the volume that the board filled, scale's included.
   Calibration calibration;
   std::vector<CalibrationStep> steps;

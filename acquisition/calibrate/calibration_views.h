@@ -3,6 +3,7 @@
 
 #include <vector>
 
+#include "acquisition/angle_timeline.h"
 #include "acquisition/axis_stop.h"
 #include "acquisition/calibrate/board_finder.h"
 #include "acquisition/calibrate/target_board.h"
@@ -35,6 +36,19 @@ struct BoardView {
   AxisStop stop;           ///< of a board on the platter: what the axes beside the table read
 };
 
+/// A frame of the board while the table turned.
+struct MovingView {
+  AngleAtInstant at_stamp;  ///< of the encoder, at the frame's stamp
+  std::int64_t exposure_ns = 0;
+  std::vector<SeenCorner> corners;
+};
+
+/// The board of a placement passing the camera at constant speed.
+struct BoardSweep {
+  int placement = 0;
+  std::vector<MovingView> views;
+};
+
 struct CalibrationInput {
   TargetBoard board;
   int width_px = 0, height_px = 0;
@@ -43,6 +57,8 @@ struct CalibrationInput {
   std::vector<RimView> rim;       ///< the bare platter all round; empty: it has no fiducials
   /// Measured length / nominal length of the print, along its x and y. Unmeasured: 1, 0.003.
   Measured pitch_x{1, 0.003}, pitch_y{1, 0.003};
+  std::vector<BoardSweep> sweeps = {};  ///< empty: nobody looked, and frames are exposed as `assumed_time` says
+  TimeModel assumed_time = {};
 };
 
 }  // namespace celadon

@@ -41,10 +41,9 @@ tl::expected<Observations, std::string> arrange(const CalibrationInput& input) {
                             " cannot be; give measured length / nominal length, near 1");
     }
   }
-  std::map<int, Eigen::Vector2d> places;
   Observations out;
   for (const BoardCorner& corner : input.board.corners()) {
-    places[corner.id] = corner.p_mm;
+    out.places[corner.id] = corner.p_mm;
     out.board_radius_mm = std::max(out.board_radius_mm, corner.p_mm.norm());
   }
   out.pitch_x = input.pitch_x;
@@ -64,8 +63,8 @@ tl::expected<Observations, std::string> arrange(const CalibrationInput& input) {
       return tl::unexpected("what head or lift read in " + where + " is not finite; leave the view out");
     }
     for (const SeenCorner& corner : seen.corners) {
-      const auto place = places.find(corner.id);
-      if (place == places.end()) {
+      const auto place = out.places.find(corner.id);
+      if (place == out.places.end()) {
         return tl::unexpected("corner " + std::to_string(corner.id) + " in " + where + " is not on the board " +
                               std::to_string(input.board.columns()) + " x " + std::to_string(input.board.rows()) +
                               "; give the board that was used");

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <cmath>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -61,7 +62,8 @@ struct Observations {
   std::vector<ViewObservation> views;
   std::vector<LineObservation> platter;
   Measured pitch_x, pitch_y;
-  double board_radius_mm = 0;  ///< of the outermost corner from the middle of the print, nominal
+  double board_radius_mm = 0;             ///< of the outermost corner from the middle of the print, nominal
+  std::map<int, Eigen::Vector2d> places;  ///< of the print's corners, nominal, by their ids
 };
 
 /// Every view a pose of its own, held; all weights 1. Views with fewer than 8 corners are not `used`.

@@ -11,7 +11,9 @@
 #include "acquisition/calibrate/view_planner.h"
 #include "acquisition/datum/rim_tag_finder.h"
 #include "daemon/calibration/axes_home.h"
+#include "daemon/calibration/board_passes.h"
 #include "daemon/calibration/stop_plan.h"
+#include "daemon/calibration/unmeasured.h"
 #include "daemon/frame_feed.h"
 #include "daemon/safe_on_exit.h"
 #include "daemon/scan_preparation.h"
@@ -23,40 +25,22 @@ namespace {
 constexpr double kStill_px = 0.3;                          // between two looks, of the corners in the middle
 constexpr std::int64_t kExposureSettles_ns = 200'000'000;  // cameras take a new exposure some frames later
 constexpr std::int64_t kAskAgain_ns = 100'000'000;
-constexpr int kRimAngles = 36;    // of the table, a turn, at which fiducials are looked for
-constexpr int kFewestAngles = 4;  // of a placement at which the board has to be seen
-constexpr double kReach = 0.3;    // share of the picture's height that the lift moves the board by, to both sides
+constexpr int kRimAngles = 36;      // of the table, a turn, at which fiducials are looked for
+constexpr int kFewestAngles = 4;    // of a placement at which the board has to be seen
+constexpr double kPassShare = 0.8;  // of the angles that show the board, over which it passes the camera
+constexpr double kPass_rad = 35 * std::numbers::pi / 180;  // at most, to both sides
+constexpr double kReach = 0.3;  // share of the picture's height that the lift moves the board by, to both sides
 
 using Stop = tl::unexpected<ScanStop>;
-
-/// What is known before anything is calibrated: nothing, but that no frame was exposed earlier than two periods and an
-/// exposure before its stamp.
-Calibration nothing_known(const ScannerConnection& machine) {
-  const CameraMode& mode = machine.camera->mode();
-  Calibration c;
-  c.machine = machine.device->identity().machine;
-  c.camera = mode.identity;
-  c.camera_model.width_px = mode.width_px;
-  c.camera_model.height_px = mode.height_px;
-  c.camera_model.fx_px.value = c.camera_model.fy_px.value = mode.width_px;
-  c.camera_model.cx_px.value = 0.5 * (mode.width_px - 1);
-  c.camera_model.cy_px.value = 0.5 * (mode.height_px - 1);
-  for (int laser = 0; laser < machine.device->capabilities().lasers; ++laser) {
-    c.lasers.push_back({.laser = laser, .normal_C = Eigen::Vector3d::UnitX(), .distance_mm = 1});
-  }
-  c.time.stamp_offset_ns.value = -2. * static_cast<double>(mode.frame_period_ns);
-  c.time.exposure_factor.value = -0.5;
-  return c;
-}
 
 /// A frame's bytes, and its grey levels without padding.
 struct Picture {
   std::vector<std::uint8_t> bytes, grey;
 };
 
-Picture picture_of(const CameraMode& mode, const Frame& frame) {
+Picture picture_of(const CameraMode& mode, std::span<const std::uint8_t> bytes) {
   Picture picture;
-  picture.bytes.assign(frame.bytes().begin(), frame.bytes().end());
+  picture.bytes.assign(bytes.begin(), bytes.end());
   const auto width = static_cast<std::size_t>(mode.width_px), step = bytes_per_pixel(mode.format);
   for (std::size_t y = 0; y < static_cast<std::size_t>(mode.height_px); ++y) {
     const std::uint8_t* const row = picture.bytes.data() + y * mode.stride_bytes;
@@ -110,7 +94,8 @@ class Session final : public ScanObserver {
     auto feed = FrameFeed::start(equipment_, *this, triangulator_, 0);
     if (!feed) return Stop(feed.error());
     feed_ = std::move(*feed);
-    CalibrationInput input{plan_.board, mode().width_px, mode().height_px, {}, {}, {}, plan_.pitch_x, plan_.pitch_y};
+    CalibrationInput input{plan_.board, mode().width_px, mode().height_px, {}, {},
+                           {},          plan_.pitch_x,   plan_.pitch_y,    {}, assumed_time(mode())};
     auto taken = take_held_views(input);
     for (int placement = 0; taken && placement < plan_.placements; ++placement) {
       taken = take_placement(placement, input);
@@ -135,7 +120,7 @@ class Session final : public ScanObserver {
   tl::expected<Picture, ScanStop> look(std::int64_t after_ns) {
     auto frame = feed_->next_after(after_ns);
     if (!frame) return Stop(frame.error());
-    return picture_of(mode(), *frame);
+    return picture_of(mode(), frame->bytes());
   }
 
   tl::expected<std::vector<SeenCorner>, std::string> find(const Picture& picture) {
@@ -218,10 +203,13 @@ class Session final : public ScanObserver {
                       " angles of the table; stand it upright over the middle of the platter, facing the camera.";
         continue;
       }
+      auto passes = take_passes_of(placement, *views);
+      if (!passes) return Stop(passes.error());
       auto at_stops = take_stops(placement, *views);
       if (!at_stops) return Stop(at_stops.error());
       input.views.insert(input.views.end(), views->begin(), views->end());
       input.views.insert(input.views.end(), at_stops->begin(), at_stops->end());
+      std::move(passes->begin(), passes->end(), std::back_inserter(input.sweeps));
       return {};
     }
   }
@@ -245,6 +233,22 @@ class Session final : public ScanObserver {
       views.push_back(std::move(*seen));
     }
     return views;
+  }
+
+  /// @pre `turn` is not empty
+  tl::expected<std::vector<BoardSweep>, ScanStop> take_passes_of(int placement, const std::vector<BoardView>& turn) {
+    const double half_rad = std::min(kPass_rad, kPassShare * static_cast<double>(turn.size()) * step_rad() / 2);
+    const PassTools tools{equipment_, *feed_, [&](std::span<const std::uint8_t> bytes) {
+                            return find(picture_of(mode(), bytes)).value_or(std::vector<SeenCorner>{});
+                          }};
+    auto passes = take_passes(tools, placement, facing_view(turn, 0).encoder_rad, half_rad);
+    if (!passes) return passes;
+    int found = 0;
+    for (const BoardSweep& pass : *passes) {
+      for (const MovingView& view : pass.views) found += view.corners.empty() ? 0 : 1;
+    }
+    guide_.on_passes(placement, found);
+    return passes;
   }
 
   int stops_of_head() const { return device_.has_axis(AxisKind::elevation) ? plan_.stops : 0; }

@@ -46,16 +46,18 @@ class CalibrationGuide {
   virtual void on_look(const BoardLook& look) = 0;
   /// The table turns with the board on it.
   virtual void on_turn(int placement, int angle, int angles, bool found) = 0;
+  /// The table turned to and fro before the camera; in so many frames the board was found.
+  virtual void on_passes(int placement, int frames) = 0;
   /// Head or lift moved, with the board on the platter.
   virtual void on_stop(int placement, const AxisStop& stop, bool found) = 0;
   /// Why the calibration shall end now; nullopt: it goes on.
   virtual std::optional<std::string> cancelled() = 0;
 };
 
-/// Held views first, each with the line of every laser on it; then the board on the platter, turned, and seen from the
-/// stops of head and lift where the machine has them; then the lines on the bare platter. On every way out the lasers
-/// are off, the motors stand, and head and lift are at 0; but after a fault, an open interlock or a press of the
-/// machine's button nothing moves any more.
+/// Held views first, each with the line of every laser on it; then the board on the platter, turned, in passes before
+/// the camera, and seen from the stops of head and lift where the machine has them; then the lines on the bare platter.
+/// On every way out the lasers are off, the motors stand, and head and lift are at 0; but after a fault, an open
+/// interlock or a press of the machine's button nothing moves any more.
 tl::expected<CalibrationInput, ScanStop> take_calibration_views(ScannerConnection& machine, const CalibrationPlan& plan,
                                                                 CalibrationGuide& guide);
 

@@ -67,6 +67,10 @@ class Terminal final : public CalibrationGuide {
         std::to_string(angles) + " angles");
     seen_ = 0;
   }
+  void on_passes(int placement, int frames) override {
+    say("placement " + std::to_string(placement + 1) + ": the board was seen in " + std::to_string(frames) +
+        " frames while the table turned");
+  }
   void on_stop(int, const AxisStop& stop, bool found) override {
     say(text_of(stop) + (found ? ": the board was seen" : ": the board was not seen"));
   }
@@ -96,17 +100,6 @@ std::string now_utc() {
   char text[32];
   std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &utc);
   return text;
-}
-
-/// What a driver's stamp means before anybody measured it: the end of the frame's readout, or its exposure's begin.
-TimeModel assumed_time(const CameraMode& mode) {
-  TimeModel time;
-  const auto period_ns = static_cast<double>(mode.frame_period_ns);
-  const bool at_start = mode.stamp_point == StampPoint::start_of_exposure;
-  time.stamp_offset_ns = {0, period_ns / 2 / std::sqrt(3.)};
-  time.exposure_factor = {at_start ? 0.5 : -0.5, 0};
-  time.line_time_ns = {0, mode.shutter == Shutter::rolling ? period_ns / mode.height_px / std::sqrt(3.) : 0};
-  return time;
 }
 
 Measured pitch(double measured_mm, double nominal_mm, double u_mm) {
@@ -190,7 +183,6 @@ int calibrate(const Arguments& a) {
   c.camera = machine->camera->mode().identity;
   c.date = now_utc();
   c.simulated = is_simulated(*machine);
-  c.time = assumed_time(machine->camera->mode());
   c.rim_tags = survey_rim(c, input->rim);
   if (!input->rim.empty()) {
     std::printf("%-10s %-8s %s\n", "datum", word(c.rim_tags.size() < 3 ? Verdict::refused : Verdict::good),

@@ -69,6 +69,10 @@ class BoardOperator : public CalibrationGuide {
     }
   }
   void on_turn(int, int, int, bool found) override { seen += found ? 1 : 0; }
+  void on_passes(int placement, int frames) override {
+    std::printf("placement %d: %d frames of the turning table\n", placement + 1, frames);
+    seen_passing += frames;
+  }
   void on_stop(int placement, const AxisStop& stop, bool found) override {
     std::printf("placement %d, %s: %s\n", placement + 1, text_of(stop).c_str(), found ? "seen" : "not seen");
     seen_at_stops += found ? 1 : 0;
@@ -78,7 +82,7 @@ class BoardOperator : public CalibrationGuide {
   }
 
   std::vector<std::string> asked;
-  int looks = 0, unfound = 0, seen = 0, seen_at_stops = 0;
+  int looks = 0, unfound = 0, seen = 0, seen_passing = 0, seen_at_stops = 0;
 
  private:
   void hold() { place("board:" + board_ + poses_[pose_ % poses_.size()]); }
@@ -101,13 +105,12 @@ inline void print_steps(const CalibrationSolution& solved) {
   }
 }
 
-/// With the names of the machine that scans with it, and the time model, which a calibration does not measure.
-inline Calibration for_scans(Calibration solved, const ScannerConnection& machine, const Calibration& truth) {
+/// With the names of the machine that scans with it.
+inline Calibration for_scans(Calibration solved, const ScannerConnection& machine) {
   solved.machine = machine.device->identity().machine;
   solved.camera = machine.camera->mode().identity;
   solved.date = "2026-01-01T00:00:00Z";
   solved.simulated = true;
-  solved.time = truth.time;
   return solved;
 }
 

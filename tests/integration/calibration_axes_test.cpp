@@ -117,7 +117,7 @@ TEST(CalibratingAxes, HeadAndLiftAreThoseOfTheTruthAndStopsOfAScanAgree) {
   expect_true_axes(solved->calibration, *truth);
   expect_stops_that_meet(solved->calibration, *truth);
 
-  const Calibration calibration = for_scans(solved->calibration, *machine, *truth);
+  const Calibration calibration = for_scans(solved->calibration, *machine);
   machine->device.reset();
   machine = tl::make_unexpected(ConnectError{});  // the machine is the daemon's now
   station.folder.write("calibration.toml", format_calibration(calibration));

@@ -2,6 +2,7 @@
 // scan's errors are told by the simulator's truth, which the calibration never sees.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
@@ -36,7 +37,7 @@ TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
   EXPECT_NE(solved->verdict, Verdict::refused);
   const auto truth = read_calibration(station.folder / "calibration.toml");
   ASSERT_TRUE(truth);
-  const Calibration calibration = for_scans(solved->calibration, *machine, *truth);
+  const Calibration calibration = for_scans(solved->calibration, *machine);
   std::printf("systematic %.4f mm; corners %.4f px, held out %.4f px, lines %.4f mm\n", calibration.systematic_mm,
               solved->corner_rms_px, solved->held_out_rms_px, solved->line_rms_mm);
   std::printf("%s\ntruth:\n%s\n", format_calibration(calibration).c_str(), format_calibration(*truth).c_str());
@@ -53,6 +54,40 @@ TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
   std::printf("%s\n", report["truth_mm"].dump().c_str());
   EXPECT_EQ(report["solid"]["valid"], true);
   EXPECT_LT(report["truth_mm"]["rms"].get<double>(), 3 * calibration.systematic_mm);
+}
+
+void expect_within(const char* what, const Measured& found, double truth, double largest_u) {
+  std::printf("%s: %.6g, truth %.6g, u %.3g\n", what, found.value, truth, found.u);
+  EXPECT_NEAR(found.value, truth, 3 * found.u) << what;
+  EXPECT_LT(found.u, largest_u) << what;
+}
+
+TEST(Calibrating, WhenRowsAreExposedIsThatOfTheTruth) {
+  Station station("empty", {"--ambient", "8", "--fps", "15", "--shutter", "rolling", "--width", "640", "--height",
+                            "512", "--backlash", "0.2"});
+  auto machine = open_scanner(station.url, station.camera);
+  ASSERT_TRUE(machine) << machine.error().message;
+  const CalibrationPlan plan{*TargetBoard::parse("tags:8x6x10"), 7, 2, 16, 4, {1, 1e-4}, {1, 1e-4}};
+  BoardOperator hand(station, "tags:8x6x10", {"@0,0,55,0,-8,30", "@14,-8,55,0,10,150"});
+  const auto input = take_calibration_views(*machine, plan, hand);
+  ASSERT_TRUE(input) << input.error().reason;
+  EXPECT_EQ(input->sweeps.size(), 12u);
+  EXPECT_GT(hand.seen_passing, 100);
+  const auto solved = solve_calibration(*input);
+  ASSERT_TRUE(solved) << solved.error();
+  print_steps(*solved);
+  const auto truth = read_calibration(station.folder / "calibration.toml");
+  ASSERT_TRUE(truth);
+  const TimeModel &found = solved->calibration.time, &is = truth->time;
+  ASSERT_GT(is.line_time_ns.value, 1e4);
+  expect_within("stamp offset, ns", found.stamp_offset_ns, is.stamp_offset_ns.value, 4e5);
+  expect_within("exposure factor", found.exposure_factor, is.exposure_factor.value, 0.15);
+  expect_within("line time, ns", found.line_time_ns, is.line_time_ns.value, 600);
+  const auto time = std::find_if(solved->steps.begin(), solved->steps.end(),
+                                 [](const CalibrationStep& step) { return step.name == "time"; });
+  ASSERT_NE(time, solved->steps.end());
+  EXPECT_NE(time->finding.find("backlash 0.2"), std::string::npos) << time->finding;
+  expect_safe(station);
 }
 
 TEST(CalibrateCommand, WrongInputIsNamedBeforeAnythingMoves) {

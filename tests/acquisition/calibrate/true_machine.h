@@ -59,6 +59,11 @@ struct TrueMachine {
   };
   std::optional<Elevation> elevation;
   std::optional<Lift> lift;
+  /// instant(row) = stamp + offset + factor * exposure + row * line, and how far the table lags while it turns
+  /// backwards.
+  struct Timing {
+    double offset_s = 0, exposure_factor = -0.5, line_s = 0, backlash_rad = 0;
+  } timing;
   Eigen::Vector2d pitch{1, 1};
   Eigen::Vector2d platter_slope{0, 0};
 
@@ -186,6 +191,24 @@ class Viewer {
     }
     return out;
   }
+  /// The board on the turning table, each corner at its own row's instant. @param encoder_rad at the frame's stamp
+  std::vector<SeenCorner> passing(const Eigen::Isometry3d& X_WB, double encoder_rad, double speed_rad_per_s,
+                                  double exposure_s) {
+    const TrueMachine::Timing& t = machine_.timing;
+    std::vector<SeenCorner> out;
+    for (const BoardCorner& corner : board_.corners()) {
+      Eigen::Vector2d p(0, 0.5 * machine_.height_px);
+      for (int round = 0; round < 8; ++round) {
+        const double later_s = t.offset_s + t.exposure_factor * exposure_s + t.line_s * p.y();
+        const double lag = speed_rad_per_s < 0 ? t.backlash_rad : 0;
+        p = machine_.project(machine_.turned(encoder_rad + speed_rad_per_s * later_s + lag) *
+                             on_board(X_WB, corner.p_mm));
+      }
+      if (!machine_.in_picture(p)) continue;
+      out.push_back({corner.id, p + drawn(noise_.corner_px) * Eigen::Vector2d(normal(), normal()), noise_.corner_px});
+    }
+    return out;
+  }
   /// The laser's line on a plane, from `middle` along the line to both sides.
   static double flat(const Eigen::Vector3d&) { return 0; }
   /// `raised_mm` of a place of the plane: how high the surface is over it there.
@@ -263,6 +286,12 @@ struct Programme {
   bool platter = true;
   /// Readings that each placement is seen at, too, one axis at a time; placements differ by a share of the distance.
   std::vector<double> elevations_rad = {}, lifts_mm = {};
+  /// Each placement passes the camera at these speeds with these exposures, 15 frames over 40 degrees each time.
+  struct Pass {
+    double speed_rad_per_s, exposure_s;
+  };
+  std::vector<Pass> passes = {};
+  double stamp_jitter_s = 0;  ///< standard deviation of each pass's own
 };
 
 /// What is seen of a machine; poses and noise from the seed.
@@ -326,6 +355,22 @@ inline CalibrationInput seen_of(const TrueMachine& machine, std::uint64_t seed, 
       view.stop = stops[k];
       view.corners = viewer.corners(machine.turned(view.encoder_rad, view.stop) * placed.X_WB);
       input.views.push_back(std::move(view));
+    }
+  }
+  for (const Placement& placed : placements) {
+    for (const Programme::Pass& pass : programme.passes) {
+      constexpr int kFrames = 15;
+      const double late_s = programme.stamp_jitter_s * viewer.normal();
+      BoardSweep sweep{.placement = placed.number, .views = {}};
+      for (int k = 0; k < kFrames; ++k) {
+        const double way = 40 * kDegree * (k - 0.5 * (kFrames - 1)) / (kFrames - 1);
+        const double stamp_rad = placed.middle_rad + (pass.speed_rad_per_s < 0 ? -way : way);
+        sweep.views.push_back({{stamp_rad, 1e-9, pass.speed_rad_per_s},
+                               std::llround(pass.exposure_s * 1e9),
+                               viewer.passing(placed.X_WB, stamp_rad + pass.speed_rad_per_s * late_s,
+                                              pass.speed_rad_per_s, pass.exposure_s)});
+      }
+      input.sweeps.push_back(std::move(sweep));
     }
   }
   if (programme.platter) {
