@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "daemon/closure_test.h"
+#include "daemon/mean_frame.h"
 #include "daemon/running_fit.h"
 
 namespace celadon {
@@ -86,7 +87,8 @@ class Intake {
         running_fit_(running_options(tools)),
         extractor_({.along = tools.turn->triangulator.along()}),
         rows_(tools.turn->triangulator.line_count()),
-        previous_(rows_.size()) {
+        previous_(rows_.size()),
+        background_(tools.turn->seen.background) {
     profile_.laser = static_cast<std::uint8_t>(tools.turn->laser);
     share_.laser = tools.turn->laser;
     share_.stop = tools.turn->stop;
@@ -101,7 +103,10 @@ class Intake {
       return kept;
     }
     std::swap(rows_, previous_);
-    extractor_.extract(tools_.equipment.camera.mode(), frame.bytes(), tools_.turn->seen.background, rows_, previous_);
+    const CameraMode& mode = tools_.equipment.camera.mode();
+    extractor_.extract(mode, frame.bytes(), background_, rows_, previous_);
+    room_change_levels_ =
+        tools_.room.see(mode, frame.bytes(), background_, rows_, tools_.turn->triangulator.along(), turned_rad);
     if (tools_.so_far->turn == 0) {
       tools_.datum.see(
           frame.bytes(),
@@ -109,7 +114,7 @@ class Intake {
           turned_rad, angle.middle.speed_rad_per_s);
     }
     if (tools_.turn->stop_number == 0) {
-      tools_.datum.line(tools_.turn->laser, frame.bytes(), tools_.turn->seen.background);
+      tools_.datum.line(tools_.turn->laser, frame.bytes(), background_);
     }
     frame.release();  // the driver gets its buffer back before anything slower happens
     const auto counts = tools_.turn->triangulator.triangulate(
@@ -137,6 +142,14 @@ class Intake {
     }
     report(turned_rad);
     return {};
+  }
+
+  /// Of the frame taken last, by how much the room was brighter than in the background.
+  double room_change_levels() const { return room_change_levels_; }
+  /// Of the frames to come, with the laser off.
+  void renew_background(std::vector<std::uint8_t> background) {
+    background_ = std::move(background);
+    tools_.room.renewed();
   }
 
   CaptureResult result() {
@@ -211,10 +224,21 @@ class Intake {
   RunningFit running_fit_;
   LaserLineExtractor extractor_;
   std::vector<LineRow> rows_, previous_;  ///< of this frame and of the one before
+  std::vector<std::uint8_t> background_;
+  double room_change_levels_ = 0;
   Profile profile_;
   LaserShare share_;
   std::chrono::steady_clock::time_point last_report_ = std::chrono::steady_clock::now();
 };
+
+/// Laser off, background, laser on again: the table stands.
+tl::expected<void, ScanStop> look_at_room(const CaptureTools& tools, Intake& intake) {
+  if (auto off = tools.feed.laser_off(); !off) return off;
+  auto background = dark_background(tools.feed, tools.equipment.clock);
+  if (!background) return tl::make_unexpected(background.error());
+  intake.renew_background(std::move(*background));
+  return tools.feed.laser_on();
+}
 
 }  // namespace
 
@@ -314,6 +338,9 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
     const std::int64_t middle_ns = middle_of(tools, frame->info);
     auto taken = intake.take(std::move(*frame), {angle, middle_ns}, turned);
     if (!taken) return tl::make_unexpected(taken.error());
+    if (std::abs(intake.room_change_levels()) > kRenewBackground_levels) {
+      if (auto looked = look_at_room(tools, intake); !looked) return tl::make_unexpected(looked.error());
+    }
   }
   return intake.result();
 }
@@ -325,14 +352,22 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
   if (auto started = camera.start(); !started) return tl::make_unexpected(stop_of(started.error()));
   Intake intake(tools, turn);
   std::optional<double> start;
+  MeanFrame dark;  // a background that was taken anew within the turn
   while (true) {
     if (auto polled = tools.feed.poll(); !polled) return tl::make_unexpected(polled.error());
     auto frame = camera.next(0);
     if (!frame && frame.error().kind == CameraError::Kind::end_of_stream) break;
     if (!frame) return tl::make_unexpected(stop_of(frame.error()));
     const FrameInfo info = frame->info;
-    if (info.use != FrameUse::turn && info.use != FrameUse::overlap) continue;
     if (!is_of_turn(camera, info, tools.turn->laser, tools.turn->stop)) continue;
+    if (info.use == FrameUse::background && start) {
+      if (auto added = dark.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
+    }
+    if (info.use != FrameUse::turn && info.use != FrameUse::overlap) continue;
+    if (dark.count() > 0) {
+      intake.renew_background(dark.mean());
+      dark = MeanFrame();
+    }
     if (!start) start = info.table_angle_rad;
     // Recordings may turn either way.
     double turned = std::abs(info.table_angle_rad - *start) / turn.encoder_per_true;

@@ -19,6 +19,7 @@
 #include "daemon/laser_agreement.h"
 #include "daemon/profile_log.h"
 #include "daemon/report.h"
+#include "daemon/room_light_watch.h"
 #include "daemon/scan_job.h"
 #include "daemon/scan_preparation.h"
 #include "daemon/view_watch.h"
@@ -55,6 +56,7 @@ struct CaptureTools {
   LaserAgreement& agreement;
   ProfileJitter& jitter;
   ViewWatch& view;
+  RoomLightWatch& room;
   DatumWatch& datum;
   ScanObserver& observer;
   const LaserTurn* turn = nullptr;  ///< the present one
@@ -70,7 +72,8 @@ struct CaptureResult {
 
 /// One turn and a little more at constant speed, a frame where it falls.
 tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools);
-/// One turn and a little more in steps, one frame at rest after each, always approached from the same side.
+/// One turn and a little more in steps, one frame at rest after each, always approached from the same side. Where the
+/// room's light changed, the background is taken anew.
 tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools);
 
 /// The laser's turn that a recording holds, each frame at the angle noted with it.

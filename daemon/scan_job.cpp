@@ -256,6 +256,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   LaserAgreement agreement(sums.specification(), *lasers, task.request.profiles);
   ProfileJitter jitter;
   ViewWatch view;
+  RoomLightWatch room;
   DatumWatch datum(equipment.calibration, equipment.camera.mode(), *lasers, turns.front().stop);
   datum.at_rest(turns.front().seen.background, turns.front().seen.background_at_rad);
   clock.end("prepare");
@@ -267,7 +268,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
                  ? CadWorker::start()
                  : tl::make_unexpected(std::string());
   auto captured = turn_with_each(
-      {equipment, task.request, **feed, **log, sums, look, agreement, jitter, view, datum, observer}, turns);
+      {equipment, task.request, **feed, **log, sums, look, agreement, jitter, view, room, datum, observer}, turns);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
@@ -336,6 +337,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     notes.checks = self_checks(
         {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, notes.agreement_mm,
          stops->size() > 1 ? compare_stops(task.log_file, equipment.calibration) : std::nullopt, jitter.result()});
+    notes.checks.push_back(room_light_check(room.reading(), view.reading().bright_level));
     if (asked.request.dry_turn && recorded == nullptr) {
       notes.dry_turn = dry_turn_of(asked.request, equipment, *fit, view.reading(), equipment.camera.mode().exposure_ns,
                                    turns.size(), seconds_of(notes, {"prepare"}));

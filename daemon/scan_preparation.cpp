@@ -6,12 +6,12 @@
 #include <span>
 
 #include "daemon/dark_frame.h"
+#include "daemon/mean_frame.h"
 #include "daemon/scan_stops.h"
 
 namespace celadon {
 namespace {
 
-constexpr int kBackgroundFrames = 8;
 constexpr int kSteadyFrames = 3;
 constexpr double kSteady = 0.02;  // relative change of the line's brightness from frame to frame
 constexpr std::int64_t kWarmUpLimit_ns = 20'000'000'000;
@@ -21,35 +21,6 @@ constexpr std::int64_t kWarning_ns = 2'000'000'000, kWarningPoll_ns = 100'000'00
 tl::unexpected<ScanStop> device_failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
 }
-
-/// Mean of several frames, rounded: one frame would add its whole noise to every line.
-class MeanFrame {
- public:
-  tl::expected<void, ScanStop> add(std::span<const std::uint8_t> bytes) {
-    if (sum_.empty()) sum_.assign(bytes.size(), 0);
-    if (sum_.size() != bytes.size()) {
-      return device_failed("The camera changed its frame size from " + std::to_string(sum_.size()) + " to " +
-                           std::to_string(bytes.size()) + " bytes during the scan; restart it.");
-    }
-    for (std::size_t i = 0; i < bytes.size(); ++i) sum_[i] = static_cast<std::uint16_t>(sum_[i] + bytes[i]);
-    ++count_;
-    return {};
-  }
-  int count() const { return count_; }
-  /// Empty without a frame.
-  std::vector<std::uint8_t> mean() const {
-    if (count_ == 0) return {};
-    std::vector<std::uint8_t> mean(sum_.size());
-    for (std::size_t i = 0; i < mean.size(); ++i) {
-      mean[i] = static_cast<std::uint8_t>((sum_[i] + count_ / 2) / count_);
-    }
-    return mean;
-  }
-
- private:
-  std::vector<std::uint16_t> sum_;
-  int count_ = 0;
-};
 
 /// What the line on the object as it stands says of the scan to come.
 tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const LineBrightness& brightness,
@@ -137,7 +108,7 @@ LineBrightness brightness_of(const std::vector<LineRow>& rows) {
 tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& feed, Clock& clock) {
   MeanFrame mean;
   const std::int64_t dark_since_ns = clock.now_ns();
-  while (mean.count() < kBackgroundFrames) {
+  while (mean.count() < MeanFrame::kEnough) {
     auto frame = feed.next_after(dark_since_ns);
     if (!frame) return tl::make_unexpected(frame.error());
     if (auto added = mean.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
@@ -257,7 +228,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
         look.release();
         dark = MeanFrame();
       }
-      if (dark.count() == kBackgroundFrames) continue;
+      if (dark.count() == MeanFrame::kEnough) continue;
       if (auto added = dark.add(frame->bytes()); !added) return tl::make_unexpected(added.error());
       preparation.background_at_rad = frame->info.table_angle_rad;
     } else if (!look || frame->info.use == FrameUse::look) {

@@ -193,8 +193,16 @@ TEST(Scan, SameSeedGivesTheSameSurface) {
   EXPECT_EQ(a["surface"], b["surface"]);
 }
 
+/// The check of the report, or its absence.
+json check_in(const json& report, const std::string& name) {
+  for (const json& check : report["checks"]) {
+    if (check["name"] == name) return check;
+  }
+  return {{"verdict", "absent"}};
+}
+
 // Samples and files of a recorded scan are those of the scan itself, to the last bit: same pixels, same background,
-// same angle for each frame; the date is the scan's.
+// same angle for each frame; the date is the scan's. In steps a lamp goes on in between, and the background is renewed.
 TEST(Replay, GivesTheBytesOfTheRecordedScan) {
   for (const char* shutter : {"global", "rolling"}) {
     for (const char* mode : {"sweep", "step"}) {
@@ -208,7 +216,14 @@ TEST(Replay, GivesTheBytesOfTheRecordedScan) {
         const auto outcome = run(command);
         ASSERT_EQ(outcome.exit_code, 0) << outcome.err;
       };
+      const bool steps = std::string(mode) == "step";
+      if (steps) ask_simulator(station.folder.path(), "fault lights-on 6 angle 120");
       scan("live");
+      if (steps) {
+        const json room = check_in(json::parse(read_file(station.folder / "live" / "report.json")), "room_light");
+        EXPECT_EQ(room["verdict"], "passed") << room;
+        EXPECT_NE(room["note"].get<std::string>().find("looked at again"), std::string::npos) << room;
+      }
       station.daemon->signal(SIGTERM);
       ASSERT_EQ(station.daemon->wait().exit_code, 0);
       // No machine is left: what follows comes from the files.

@@ -24,7 +24,7 @@ std::span<const CheckedObject> checked_objects() {
 }
 
 std::span<const CheckedFault> checked_faults() {
-  static constexpr std::array<CheckedFault, 9> kFaults{{
+  static constexpr std::array<CheckedFault, 10> kFaults{{
       {"", "none"},
       {"steps-wrong 1.01", "steps per turn wrong by 1 %"},
       {"steps-wrong 0.999", "steps per turn wrong by -0.1 %"},
@@ -34,6 +34,7 @@ std::span<const CheckedFault> checked_faults() {
       {"object-wobble 0.5", "object rocks by 0.5 mm at 3 Hz"},
       {"camera-nudge 0.2 angle 180", "camera turned by 0.2 degrees in mid-scan"},
       {"vibration 0.02", "camera shakes by 0.02 degrees at 31 Hz"},
+      {"lights-on 6 angle 180", "lights six times as bright in mid-scan"},
   }};
   return kFaults;
 }

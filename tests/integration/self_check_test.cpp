@@ -51,6 +51,7 @@ INSTANTIATE_TEST_SUITE_P(
         Expected{"cylinder", "", {}, {"turn"}, ""}, Expected{"cylinder", "steps-wrong 1.01", {}, {"turn"}, ""},
         Expected{"cylinder", "object-wobble 0.5", {"steadiness"}, {"turn"}, "rocks"},
         Expected{"cylinder", "camera-nudge 0.2 angle 180", {"closure"}, {"turn"}, "camera, laser or object"},
+        Expected{"cylinder", "lights-on 6 angle 180", {"room_light"}, {"turn"}, "brighter"},
         Expected{"cylinder-off", "", {}, {}, ""}, Expected{"vase-squeezed", "", {}, {"harmonic_1"}, ""},
         Expected{"vase-squeezed", "steps-wrong 1.01", {"turn"}, {"harmonic_1"}, "steps per turn are wrong"},
         Expected{"vase-squeezed", "object-slip 2 angle 180", {"turn"}, {"harmonic_1"}, "slipped"},
