@@ -23,6 +23,7 @@ void add_calibrate_command(CLI::App& program, Run& run);
 void add_cameras_command(CLI::App& program, Run& run);
 void add_device_command(CLI::App& program, Run& run);
 void add_device_axes_commands(CLI::App& device, Run& run);  ///< of `celadon device`
+void add_setup_command(CLI::App& program, Run& run);
 void add_board_command(CLI::App& program, Run& run);
 
 /// Prints "celadon: MESSAGE" on standard error and returns the code.

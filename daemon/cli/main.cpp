@@ -42,6 +42,7 @@ int main(int argc, char** argv) {
   add_calibrate_command(program, run);
   add_cameras_command(program, run);
   add_device_command(program, run);
+  add_setup_command(program, run);
   add_board_command(program, run);
   try {
     program.parse(argc, argv);

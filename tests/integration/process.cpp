@@ -15,9 +15,11 @@
 
 namespace celadon::testing {
 
-Program::Program(const std::vector<std::string>& command, std::size_t file_size_limit) {
-  std::array<int, 2> out{}, err{};
-  if (::pipe2(out.data(), O_CLOEXEC) != 0 || ::pipe2(err.data(), O_CLOEXEC) != 0) throw std::runtime_error("no pipe");
+Program::Program(const std::vector<std::string>& command, std::size_t file_size_limit, Input input) {
+  std::array<int, 2> in{-1, -1}, out{}, err{};
+  if (::pipe2(out.data(), O_CLOEXEC) != 0 || ::pipe2(err.data(), O_CLOEXEC) != 0 ||
+      (input == Input::answers && ::pipe2(in.data(), O_CLOEXEC) != 0))
+    throw std::runtime_error("no pipe");
   std::vector<std::string> words = command;
   words[0] = std::string(CELADON_BIN_DIR) + "/" + words[0];
   std::vector<char*> arguments;
@@ -26,7 +28,7 @@ Program::Program(const std::vector<std::string>& command, std::size_t file_size_
   pid_ = ::fork();
   if (pid_ == 0) {
     ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-    ::dup2(::open("/dev/null", O_RDONLY), STDIN_FILENO);
+    ::dup2(input == Input::answers ? in[0] : ::open("/dev/null", O_RDONLY), STDIN_FILENO);
     ::dup2(out[1], STDOUT_FILENO);
     ::dup2(err[1], STDERR_FILENO);
     if (file_size_limit != 0) {
@@ -37,8 +39,10 @@ Program::Program(const std::vector<std::string>& command, std::size_t file_size_
     ::execv(arguments[0], arguments.data());
     ::_exit(126);
   }
+  if (input == Input::answers) ::close(in[0]);
   ::close(out[1]);
   ::close(err[1]);
+  in_fd_ = in[1];
   out_fd_ = out[0];
   err_fd_ = err[0];
 }
@@ -48,13 +52,14 @@ Program::~Program() {
     ::kill(pid_, SIGKILL);
     ::waitpid(pid_, nullptr, 0);
   }
+  hang_up();
   if (out_fd_ >= 0) ::close(out_fd_);
   if (err_fd_ >= 0) ::close(err_fd_);
 }
 
-void Program::read_until(const std::string* text) {
+void Program::read_until(const std::string* text, std::size_t from) {
   while (out_fd_ >= 0 || err_fd_ >= 0) {
-    if (text != nullptr && out_.find(*text) != std::string::npos) return;
+    if (text != nullptr && out_.find(*text, from) != std::string::npos) return;
     std::array<pollfd, 2> fds{pollfd{out_fd_, POLLIN, 0}, pollfd{err_fd_, POLLIN, 0}};
     ::poll(fds.data(), fds.size(), -1);
     const auto drain = [](int& fd, short events, std::string& into) {
@@ -76,6 +81,20 @@ void Program::read_until(const std::string* text) {
 bool Program::wait_for_output(const std::string& text) {
   read_until(&text);
   return out_.find(text) != std::string::npos;
+}
+
+bool Program::answer(const std::string& question, const std::string& line) {
+  read_until(&question, answered_);
+  const std::size_t at = out_.find(question, answered_);
+  if (at == std::string::npos) return false;
+  answered_ = at + question.size();
+  const std::string whole = line + "\n";
+  return ::write(in_fd_, whole.data(), whole.size()) == static_cast<ssize_t>(whole.size());
+}
+
+void Program::hang_up() {
+  if (in_fd_ >= 0) ::close(in_fd_);
+  in_fd_ = -1;
 }
 
 void Program::signal(int number) const {
