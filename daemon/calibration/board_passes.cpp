@@ -10,11 +10,12 @@ namespace {
 using Stop = tl::unexpected<ScanStop>;
 
 constexpr double kFast_rad_per_s = 36 * std::numbers::pi / 180;
-constexpr double kSlow = 0.4;             // of the fast speed
-constexpr double kShorter = 0.4;          // of the usual exposure
-constexpr std::size_t kMostViews = 16;    // of a pass: corners take longer to find than frames to come
-constexpr int kFewestViews = 6;           // frames within the way of the fastest pass
-constexpr int kFramesAtRest = 20;         // after which the table has stopped short
+constexpr double kSlow = 0.4;           // of the fast speed
+constexpr double kShorter = 0.4;        // of the usual exposure
+constexpr std::size_t kMostViews = 16;  // of a pass: corners take longer to find than frames to come
+constexpr int kFewestViews = 6;         // frames within the way of the fastest pass
+constexpr int kFramesAtRest = 20;       // after which the table has stopped short
+constexpr int kFramesToRest = 5'000;
 constexpr double kSpeedMayDiffer = 0.02;  // from what was ordered: the run-up is no part of a pass
 constexpr double kNarrowest_rad = 0.05;   // half of a way that is worth a pass
 constexpr std::int64_t kExposureSettles_ns = 200'000'000;
@@ -59,8 +60,14 @@ tl::expected<std::vector<Taken>, ScanStop> frames_between(const PassTools& tools
     if (sense * (angle->angle_rad - to_rad) > 0) break;
     taken.push_back({frame->info, {frame->bytes().begin(), frame->bytes().end()}});
   }
-  auto rested = device.rotate_to(to_rad + run_up_rad, speed_rad_per_s);
-  if (!rested) return Stop(stop_of(rested.error()));
+  for (int waited = 0; tools.feed.status().motion != MotionState::standstill; ++waited) {
+    if (waited > kFramesToRest) {
+      return Stop(
+          ScanStop{ScanState::failed,
+                   "The table did not come to rest after passing the camera; check the drive and calibrate again."});
+    }
+    if (auto frame = tools.feed.next(); !frame) return Stop(frame.error());
+  }
   return thinned(std::move(taken));
 }
 
@@ -83,14 +90,12 @@ tl::expected<BoardSweep, ScanStop> take_pass(const PassTools& tools, int placeme
 /// @return nullopt where the table cannot turn that far
 std::optional<double> clipped_half_width(const ScannerDevice& device, double middle_rad, double half_width_rad,
                                          double speed_rad_per_s, double period_s) {
-  const DeviceCapabilities& limits = device.capabilities();
-  if (!limits.endless_rotation) {
-    const double beyond_rad = 2 * (device.run_up_rad(speed_rad_per_s) + 4 * speed_rad_per_s * period_s);
-    half_width_rad = std::min(
-        {half_width_rad, middle_rad - limits.travel_min_rad - beyond_rad, limits.travel_rad - beyond_rad - middle_rad});
-  }
-  if (half_width_rad < kNarrowest_rad) return std::nullopt;
-  return half_width_rad;
+  const AxisLimits travel = device.limits(AxisKind::turntable);
+  const double beyond_rad = 2 * (device.run_up_rad(speed_rad_per_s) + 4 * speed_rad_per_s * period_s);
+  const double half_rad =
+      std::min({half_width_rad, middle_rad - travel.lowest - beyond_rad, travel.highest - beyond_rad - middle_rad});
+  if (half_rad < kNarrowest_rad) return std::nullopt;
+  return half_rad;
 }
 
 }  // namespace
