@@ -42,6 +42,8 @@ AxisLimits DeviceMotion::limits_of(AxisKind kind) const {
     table.lowest = c.travel_min_rad;
     table.highest = c.travel_min_rad + c.travel_rad;
   }
+  table.lowest = std::max(table.lowest, limits.lowest_rad);
+  table.highest = std::min(table.highest, limits.highest_rad);
   table.max_speed = c.max_speed_rad_per_s;
   table.max_acceleration = c.max_acceleration_rad_per_s2;
   table.resolution = c.encoder_resolution_rad;

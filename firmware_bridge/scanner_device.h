@@ -163,7 +163,7 @@ class ScannerDevice {
   /// Starts a constant-speed move to angle_rad and returns once it moves; poll() follows it.
   tl::expected<void, DeviceError> start_sweep(double angle_rad, double speed_rad_per_s);
   bool has_axis(AxisKind kind) const;
-  /// @pre has_axis(kind)
+  /// Of the table within the soft limits. @pre has_axis(kind)
   AxisLimits limits(AxisKind kind) const;
   /// Finds the axis's reference; returns at standstill. Each axis is homed by itself; refused where there is none.
   tl::expected<void, DeviceError> home_axis(AxisKind kind);
