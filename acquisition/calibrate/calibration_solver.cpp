@@ -4,13 +4,12 @@
 #include <cmath>
 #include <set>
 
-#include "acquisition/calibrate/bundle.h"
+#include "acquisition/calibrate/adjustment.h"
 #include "acquisition/calibrate/held_out.h"
 #include "acquisition/calibrate/initial_axis.h"
 #include "acquisition/calibrate/initial_camera.h"
 #include "acquisition/calibrate/initial_planes.h"
 #include "acquisition/calibrate/initial_stops.h"
-#include "acquisition/calibrate/outliers.h"
 #include "acquisition/calibrate/time_solver.h"
 #include "acquisition/calibrate/time_verdict.h"
 #include "acquisition/calibrate/uncertainty.h"
@@ -21,21 +20,6 @@ namespace celadon {
 namespace {
 
 using namespace calibrate;
-
-/// First with soft weights, then plain least squares of what is not off, until nothing changes any more.
-tl::expected<Estimate, std::string> solve_with_outliers(Observations& observations, Estimate estimate) {
-  constexpr int kSoftRounds = 3, kHardRounds = 12;
-  for (int round = 0; round < kSoftRounds + kHardRounds; ++round) {
-    update_residuals(estimate, observations);
-    const bool changed = set_weights(observations, round < kSoftRounds ? Weighting::soft : Weighting::hard);
-    if (!changed && round > kSoftRounds) break;
-    auto solved = solve_bundle(observations, estimate);
-    if (!solved) return solved;
-    estimate = anchored(*solved);
-  }
-  update_residuals(estimate, observations);
-  return estimate;
-}
 
 /// Without a platter: the origin goes one square below the lowest corner that stood on it.
 void lower_origin(Estimate& estimate, const Observations& observations, double square_mm) {
@@ -162,7 +146,7 @@ tl::expected<CalibrationSolution, std::string> solve_calibration(const Calibrati
   if (!observations) return tl::unexpected(observations.error());
   auto estimate = initial_camera(*observations, input.width_px, input.height_px);
   if (!estimate) return tl::unexpected(estimate.error());
-  estimate = solve_with_outliers(*observations, *estimate);
+  estimate = adjusted(*observations, *estimate);
   if (!estimate) return tl::unexpected(estimate.error());
 
   estimate->axis = initial_axis(*estimate, *observations);
@@ -176,7 +160,7 @@ tl::expected<CalibrationSolution, std::string> solve_calibration(const Calibrati
   initial_stops(own_X_CB, *estimate, *observations);
   initial_planes(*estimate, *observations);
   initial_platter(*estimate, *observations);
-  estimate = solve_with_outliers(*observations, *estimate);
+  estimate = adjusted(*observations, *estimate);
   if (!estimate) return tl::unexpected(estimate.error());
   if (!estimate->platter) lower_origin(*estimate, *observations, input.board.square_mm());
   const Estimate solved = anchored(*estimate);
