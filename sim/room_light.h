@@ -6,6 +6,7 @@
 #include "sim/optics.h"
 #include "sim/print_painter.h"
 #include "sim/scene.h"
+#include "sim/texture_painter.h"
 
 namespace celadon::sim {
 
@@ -14,10 +15,13 @@ class RoomLight {
   explicit RoomLight(const OpticsConfig& config);
 
   /// Makes levels() those of this posture: in steps of five degrees of the table, of a degree of the head, of a
-  /// millimetre of the lift; with calibration targets exactly there.
+  /// millimetre of the lift; with calibration targets or a textured object exactly there.
   void update(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
   /// The object or the camera was moved.
-  void forget() { ready_ = false; }
+  void forget() {
+    ready_ = false;
+    textures_.forget();
+  }
   /// Height x width, at the reference exposure.
   const std::vector<float>& levels() const { return levels_; }
 
@@ -26,10 +30,11 @@ class RoomLight {
   void shade(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
 
   OpticsConfig config_;
-  std::vector<float> shaded_, levels_;  ///< without and with prints
-  PrintPainter painter_;
+  std::vector<float> shaded_, levels_;  ///< without and with texture and prints
+  TexturePainter textures_;
+  PrintPainter prints_;
   std::vector<Eigen::Vector3d> rays_H_;  ///< of the pixels that are looked at
-  Posture shaded_at_, printed_at_;
+  Posture shaded_at_, painted_at_;
   bool ready_ = false;
 };
 
