@@ -46,8 +46,8 @@ void StereoPair::match(int band) {
   counts_ += matcher_->match(band, matches_);
 }
 
-StereoPair::Counts StereoPair::fill(Profile& profile) const {
-  Counts counts{counts_, 0};
+MatchCounts StereoPair::fill(Profile& profile) const {
+  MatchCounts counts = counts_;
   profile.r_mm.clear();
   profile.theta_rad.clear();
   profile.z_mm.clear();

@@ -30,21 +30,11 @@ class StereoPair {
                                                      const CameraMode& mode, const PictureNoise& noise,
                                                      const TablePicture& first, const TablePicture& second);
 
-  struct Counts {
-    MatchCounts matches;
-    int outside = 0;  ///< of the volume: the platter, the room
-    Counts& operator+=(const Counts& other) {
-      matches += other.matches;
-      outside += other.outside;
-      return *this;
-    }
-  };
-
   int bands() const;
   void match(int band);
   /// Samples of the bands so far: r, theta, z, covariance, order and table_angle_rad (half way between the pictures);
   /// the other fields are left.
-  Counts fill(Profile& profile) const;
+  MatchCounts fill(Profile& profile) const;
 
   const NormalPair& geometry() const { return geometry_; }
   const std::vector<WindowMatch>& matches() const { return matches_; }

@@ -33,17 +33,6 @@ Shape shape_at(int i, int j) {
 
 }  // namespace
 
-MatchCounts& MatchCounts::operator+=(const MatchCounts& other) {
-  windows += other.windows;
-  found += other.found;
-  unknown += other.unknown;
-  plain += other.plain;
-  ambiguous += other.ambiguous;
-  inconsistent += other.inconsistent;
-  misfit += other.misfit;
-  return *this;
-}
-
 int WindowMatcher::bands() const {
   return std::max(0, (first_.height_px - kWidth) / kPitch + 1);
 }

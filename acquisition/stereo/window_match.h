@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "acquisition/stereo/match_counts.h"
 #include "acquisition/stereo/normal_pair.h"
 #include "acquisition/stereo/normal_pictures.h"
 #include "acquisition/stereo/picture_noise.h"
@@ -20,18 +21,6 @@ struct WindowMatch {
   double sigma_px = 0;  ///< of the disparity, from the match's curvature and the pictures' noise
   double gain = 1, offset = 0;
   double misfit = 0;  ///< what the noise leaves unexplained: the residuals' variance over the noise's
-};
-
-/// What became of the windows.
-struct MatchCounts {
-  int windows = 0;
-  int found = 0;
-  int unknown = 0;       ///< saturated, or at the border of a picture
-  int plain = 0;         ///< too little texture to place them
-  int ambiguous = 0;     ///< the texture repeats
-  int inconsistent = 0;  ///< from right to left another place fits best
-  int misfit = 0;        ///< the places do not show the same: an edge lies within, or something moved
-  MatchCounts& operator+=(const MatchCounts& other);
 };
 
 /// Windows of 21 x 21 px on a grid of 15 px.
