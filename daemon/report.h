@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "acquisition/axis_stop.h"
+#include "acquisition/stereo/match_counts.h"
 #include "daemon/checks/self_check.h"
 #include "daemon/dimension.h"
 #include "daemon/export/cad_client.h"
@@ -67,6 +68,14 @@ struct ScanCounters {
   std::uint64_t profiles = 0, frames = 0, lost = 0, stale = 0, corrupt = 0, rows_ambiguous = 0;
 };
 
+/// What became of a scan by stereo.
+struct StereoShare {
+  double pair_rad = 0;  ///< the table's turn from the first picture of a pair to the second
+  int pairs = 0;
+  MatchCounts counts;
+  double calibration_mm = 0;  ///< standard uncertainty that the calibration gives a radius
+};
+
 /// An object scanned again at another height of the lift.
 struct RaisedPose {
   double asked_mm = 0;  ///< by how much it was said to be raised
@@ -103,7 +112,8 @@ struct ResultNotes {
   std::optional<ClosureError> closure_mm;  ///< of several lasers the worst
   std::vector<LaserShare> lasers = {};     ///< after a scan, in the order of their turns
   std::optional<AgreementError> agreement_mm = {};
-  std::vector<SelfCheck> checks;  ///< of a scan
+  std::optional<StereoShare> stereo = {};  ///< of a scan without a laser
+  std::vector<SelfCheck> checks;           ///< of a scan
   std::optional<DryTurn> dry_turn = {};
   std::optional<StatedCalibration> calibration;  ///< of a scan
   std::vector<Dimension> dimensions = {};        ///< of a scan of a round object

@@ -72,11 +72,6 @@ Way way_of_steps(const Turn& turn) {
   return {0, 0, (turn.profiles + turn.overlap_profiles + 1) * turn.pitch_rad * turn.encoder_per_true};
 }
 
-/// Whether the travel ends before a move to `target_rad` does.
-bool travel_ends_before(const DeviceCapabilities& limits, double target_rad) {
-  return !limits.endless_rotation && target_rad > limits.travel_rad;
-}
-
 /// Takes frames to profiles, and profiles to log, sums, closure test and progress.
 class Intake {
  public:
@@ -242,6 +237,11 @@ tl::expected<void, ScanStop> look_at_room(const CaptureTools& tools, Intake& int
 
 }  // namespace
 
+bool turn_fits_travel(const ScanEquipment& equipment, double target_rad) {
+  const DeviceCapabilities& limits = equipment.device->capabilities();
+  return limits.endless_rotation || target_rad <= limits.travel_rad;
+}
+
 double seconds_of_sweep(const ScanEquipment& equipment, int profiles) {
   const Way way = way_of_sweep(equipment, Turn(equipment, profiles));
   return way.whole_rad / way.speed_rad_per_s;
@@ -258,7 +258,7 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
   const double start = feed.status().angle_rad + way.run_up_rad;
   const double end_turned = kTurn_rad + turn.overlap_rad;
   const double target = feed.status().angle_rad + way.whole_rad;
-  if (travel_ends_before(limits, target)) {
+  if (!turn_fits_travel(tools.equipment, target)) {
     return capture_failed("A sweep needs the table to turn to " + degrees(target) + ", but its travel ends at " +
                           degrees(limits.travel_rad) + "; scan in steps.");
   }
@@ -319,7 +319,7 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
   const double base = feed.status().angle_rad;
   const int steps = turn.profiles + turn.overlap_profiles;
   const double target = base + way_of_steps(turn).whole_rad;
-  if (travel_ends_before(limits, target)) {
+  if (!turn_fits_travel(tools.equipment, target)) {
     return capture_failed("The scan needs the table to turn to " + degrees(target) + ", but its travel ends at " +
                           degrees(limits.travel_rad) + "; home it, or ask for fewer profiles.");
   }
@@ -384,7 +384,7 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
 bool turn_fits_travel(const CaptureTools& tools) {
   const Turn turn(tools);
   const Way way = tools.request.mode == ScanMode::sweep ? way_of_sweep(tools.equipment, turn) : way_of_steps(turn);
-  return !travel_ends_before(tools.equipment.device->capabilities(), tools.feed.status().angle_rad + way.whole_rad);
+  return turn_fits_travel(tools.equipment, tools.feed.status().angle_rad + way.whole_rad);
 }
 
 }  // namespace celadon

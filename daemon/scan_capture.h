@@ -82,6 +82,8 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools);
 /// How long a turn of a sweep takes, by camera and table.
 double seconds_of_sweep(const ScanEquipment& equipment, int profiles);
 
+/// Whether the table's travel holds an angle of its encoder, rising from where it stands.
+bool turn_fits_travel(const ScanEquipment& equipment, double target_rad);
 /// Whether the table can make the turn that the request wants from where it stands.
 bool turn_fits_travel(const CaptureTools& tools);
 

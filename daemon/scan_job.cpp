@@ -29,6 +29,7 @@
 #include "daemon/scan_preparation.h"
 #include "daemon/scan_solution.h"
 #include "daemon/scan_stops.h"
+#include "daemon/stereo_capture.h"
 #include "fitting/range_fit.h"
 
 namespace celadon {
@@ -132,7 +133,7 @@ DryTurn dry_turn_of(const ScanRequest& asked, const ScanEquipment& equipment, co
 /// Where the frames of this scan are kept; nothing unless that was asked for.
 tl::expected<std::unique_ptr<RecordingWriter>, ScanStop> open_recording(const ScanEquipment& equipment,
                                                                         const ScanTask& task) {
-  if (task.recording_folder.empty()) return nullptr;
+  if (task.recording_folder.empty() || task.request.method == ScanMethod::stereo) return nullptr;
   std::error_code error;
   std::filesystem::create_directories(task.recording_folder, error);
   if (error) {
@@ -188,6 +189,13 @@ std::optional<double> centre_of(const ScanRequest& request, const Calibration& c
          (lift ? lift->scale.value * first.lift_mm * lift->direction.z() : 0);
 }
 
+/// A scan by stereo sees every place in many pairs, and none again after the turn alone.
+OverlapResult nothing_compared() {
+  OverlapResult overlap;
+  overlap.missing = "a scan by stereo does not compare the end of its turn with the beginning";
+  return overlap;
+}
+
 double seconds_of(const ResultNotes& notes, std::initializer_list<const char*> stages) {
   double sum = 0;
   for (const StageSeconds& s : notes.seconds) {
@@ -214,6 +222,10 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   notes.simulated = is_simulated(equipment) || equipment.calibration.simulated;
   notes.calibration = StatedCalibration{equipment.calibration.date, equipment.calibration.systematic_mm,
                                         equipment.calibration.scale.u / equipment.calibration.scale.value};
+  const bool by_stereo = task.request.method == ScanMethod::stereo;
+  if (by_stereo && recorded != nullptr) {
+    return failed("A recording holds what a scan with a laser used; scan by stereo on a machine.", ScanFailure::device);
+  }
   StageClock clock(notes.seconds);
   SafeOnExit safe(equipment.device, observer);
 
@@ -240,25 +252,30 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     if (!stop) return tl::make_unexpected(stop.error());
     stand_at(*stop, first_turns, equipment);
   }
+  // Of a scan by stereo no frames are kept: recordings are of lines.
+  const std::vector<int> shining = by_stereo ? std::vector<int>() : *lasers;
   auto recording = open_recording(equipment, task);
   if (!recording) return tl::make_unexpected(recording.error());
   auto feed = FrameFeed::start(equipment, observer, turns.front().triangulator, turns.front().laser);
   if (!feed) return tl::make_unexpected(feed.error());
   if (*recording) (*feed)->record_frames_in(**recording);
-  auto seen = look_with_each(equipment, **feed, first_turns);
+  std::optional<StereoCapture> stereo;
+  if (by_stereo) stereo.emplace(equipment, task.request, **feed);
+  auto seen = stereo ? stereo->look() : look_with_each(equipment, **feed, first_turns);
   if (!seen) return tl::make_unexpected(seen.error());
   notes.warnings.insert(notes.warnings.end(), seen->warnings.begin(), seen->warnings.end());
-  auto log = open_log(equipment, task, *seen, *lasers, stops->size());
+  auto log = open_log(equipment, task, *seen, shining, stops->size());
   if (!log) return tl::make_unexpected(log.error());
   (*feed)->record_in(**log);
   MomentGrid sums(grid_for(task.request, *seen, equipment.volume));
   FirstLook look(sums);
-  LaserAgreement agreement(sums.specification(), *lasers, task.request.profiles);
+  LaserAgreement agreement(sums.specification(), shining, task.request.profiles);
   ProfileJitter jitter;
   ViewWatch view;
   RoomLightWatch room;
-  DatumWatch datum(equipment.calibration, equipment.camera.mode(), *lasers, turns.front().stop);
-  datum.at_rest(turns.front().seen.background, turns.front().seen.background_at_rad);
+  DatumWatch datum(equipment.calibration, equipment.camera.mode(), shining, turns.front().stop);
+  const ScanPreparation& dark = stereo ? *seen : turns.front().seen;
+  datum.at_rest(dark.background, dark.background_at_rad);
   clock.end("prepare");
 
   // Move, frame, line, profile, log, accumulate. The CAD helper starts meanwhile.
@@ -267,8 +284,9 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   auto cad = std::find(formats.begin(), formats.end(), ResultFormat::step) != formats.end()
                  ? CadWorker::start()
                  : tl::make_unexpected(std::string());
-  auto captured = turn_with_each(
-      {equipment, task.request, **feed, **log, sums, look, agreement, jitter, view, room, datum, observer}, turns);
+  const CaptureTools tools{equipment, task.request, **feed, **log, sums,  look,
+                           agreement, jitter,       view,   room,  datum, observer};
+  auto captured = stereo ? stereo->turn(tools) : turn_with_each(tools, turns);
   clock.end("scan");
 
   // Make safe, whatever came of it; the log is closed in order.
@@ -277,7 +295,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   const auto look_for_light = [&, dark_since_ns = recorded != nullptr ? 0 : equipment.clock.now_ns()] {
     std::optional<std::string> light;
     const LaserTurn& last = turn_of(**feed, turns);
-    if (recorded == nullptr) light = light_although_off(equipment.camera, last.triangulator, last.seen, dark_since_ns);
+    if (recorded == nullptr && !by_stereo)
+      light = light_although_off(equipment.camera, last.triangulator, last.seen, dark_since_ns);
     equipment.camera.stop();
     return light;
   };
@@ -300,6 +319,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   notes.closure_mm = captured->closure_mm;
   notes.lasers = captured->lasers;
   notes.agreement_mm = agreement.result();
+  if (stereo) notes.stereo = stereo->share();
   notes.warnings.insert(notes.warnings.end(), captured->warnings.begin(), captured->warnings.end());
   if (auto finished = (*log)->finish(LogOutcome::complete, ""); !finished) return failed(finished.error().message);
   clock.end("make_safe");
@@ -335,8 +355,9 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     if (!fit) return fit;
     warnings = fit->whole().warnings;
     notes.checks = self_checks(
-        {*fit, equipment.calibration, compare_overlap(task.log_file), notes.closure_mm, notes.agreement_mm,
-         stops->size() > 1 ? compare_stops(task.log_file, equipment.calibration) : std::nullopt, jitter.result()});
+        {*fit, equipment.calibration, by_stereo ? nothing_compared() : compare_overlap(task.log_file), notes.closure_mm,
+         notes.agreement_mm, stops->size() > 1 ? compare_stops(task.log_file, equipment.calibration) : std::nullopt,
+         jitter.result()});
     notes.checks.push_back(room_light_check(room.reading(), view.reading().bright_level));
     if (asked.request.dry_turn && recorded == nullptr) {
       notes.dry_turn = dry_turn_of(asked.request, equipment, *fit, view.reading(), equipment.camera.mode().exposure_ns,
@@ -346,7 +367,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     }
     std::vector<SelfCheck> of_datum = datum_checks(datum.result(), equipment.calibration);
     std::move(of_datum.begin(), of_datum.end(), std::back_inserter(notes.checks));
-    notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);
+    if (!by_stereo) notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);
     return fit;
   };
   auto files = write_results(surfaces, measured, formats, task.results_folder, notes, {.cad = cad ? &*cad : nullptr});

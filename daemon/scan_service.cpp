@@ -22,6 +22,9 @@ constexpr std::array<const char*, 4> kShapes = {"cylinder", "sphere", "composite
 constexpr std::array<const char*, 5> kModels = {"auto", "cylinder", "revolution", "translational", "general"};
 constexpr std::array<const char*, 4> kFormats = {"step", "stl", "ply", "surface.json"};
 
+constexpr int kFewestStereoProfiles = 36, kMostStereoProfiles = 720;
+constexpr std::array<const char*, 2> kMethods = {"laser", "stereo"};
+
 const char* to_text(ScanMode mode) {
   return mode == ScanMode::step ? "step" : "sweep";
 }
@@ -41,6 +44,7 @@ json request_json(const ScanRequest& request) {
   if (!request.lasers.empty()) j["lasers"] = request.lasers;
   if (!request.elevations_deg.empty()) j["elevations_deg"] = request.elevations_deg;
   if (!request.lifts_mm.empty()) j["lifts_mm"] = request.lifts_mm;
+  if (request.method == ScanMethod::stereo) j["method"] = "stereo";
   if (request.dry_turn) j["dry_turn"] = true;
   if (request.form_tolerance_mm) j["form_tolerance_mm"] = *request.form_tolerance_mm;
   return j;
@@ -157,6 +161,8 @@ std::vector<double> positions_field(const std::string& field, const json& value,
 void read_field(ScanRequest& request, const std::string& field, const json& value) {
   if (field == "name") {
     request.name = name_field(value);
+  } else if (field == "method") {
+    request.method = one_of(field, value, kMethods) == "stereo" ? ScanMethod::stereo : ScanMethod::laser;
   } else if (field == "mode") {
     const std::array<const char*, 2> modes = {"step", "sweep"};
     request.mode = one_of(field, value, modes) == "step" ? ScanMode::step : ScanMode::sweep;
@@ -196,11 +202,27 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
       }
     }
   } else {
-    throw Refusal{"'" + field.substr(0, 60) +
-                  "' is not a field of a scan request; give name, mode, profiles, dry_turn, exposure_ms, lasers, "
-                  "elevations_deg, lifts_mm, shape, model, tolerance_mm, form_tolerance_mm, degree_u, degree_v or "
-                  "formats."};
+    throw Refusal{
+        "'" + field.substr(0, 60) +
+        "' is not a field of a scan request; give name, method, mode, profiles, dry_turn, exposure_ms, lasers, "
+        "elevations_deg, lifts_mm, shape, model, tolerance_mm, form_tolerance_mm, degree_u, degree_v or "
+        "formats."};
   }
+}
+
+/// What a scan by stereo is where nothing was said, and what it cannot be.
+void settle_stereo(ScanRequest& request, const json& body) {
+  if (body.contains("mode") && request.mode != ScanMode::step)
+    refuse("mode", body["mode"], "step with the method stereo, whose table stands for each picture, or leave it out");
+  request.mode = ScanMode::step;
+  if (!body.contains("profiles")) request.profiles = kStereoProfiles;
+  whole_field("profiles, with the method stereo,", request.profiles, kFewestStereoProfiles, kMostStereoProfiles);
+  if (!request.lasers.empty()) refuse("lasers", body["lasers"], "no lasers with the method stereo, which uses none");
+  if (!request.elevations_deg.empty())
+    refuse("elevations_deg", body["elevations_deg"], "no elevations with the method stereo, which scans at 0");
+  if (!request.lifts_mm.empty())
+    refuse("lifts_mm", body["lifts_mm"], "no heights with the method stereo, which scans at 0");
+  if (request.dry_turn) refuse("dry_turn", true, "no dry turn with the method stereo, whose first pair says as much");
 }
 
 }  // namespace
@@ -256,6 +278,7 @@ tl::expected<ScanRequest, ServiceError> scan_request_from_json(const json& body)
   try {
     if (!body.is_object()) refuse("The scan request", body, "a JSON object, {} for the defaults");
     for (const auto& [field, value] : body.items()) read_field(request, field, value);
+    if (request.method == ScanMethod::stereo) settle_stereo(request, body);
   } catch (const Refusal& refusal) {
     return tl::make_unexpected(ServiceError{422, "invalid scan request", refusal.detail});
   }

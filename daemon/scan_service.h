@@ -18,13 +18,20 @@
 namespace celadon {
 
 enum class ScanMode : std::uint8_t { step, sweep };
+enum class ScanMethod : std::uint8_t {
+  laser,
+  stereo  ///< pictures of a textured object, a few degrees apart, without a laser
+};
+
+inline constexpr int kStereoProfiles = 90;  ///< pictures a turn of a scan by stereo that does not say how many
 
 inline constexpr int kDryProfiles = 96;  ///< of a dry turn
 
 /// What a client asks for; every field has a default.
 struct ScanRequest {
   std::string name;  ///< of the object; letters, digits, "-_. "; becomes part of file names
-  ScanMode mode = ScanMode::sweep;
+  ScanMethod method = ScanMethod::laser;
+  ScanMode mode = ScanMode::sweep;          ///< by stereo always in steps
   int profiles = 1200;                      ///< a turn, 16 .. 100000
   bool dry_turn = false;                    ///< only kDryProfiles of them and no files: what would such a scan be?
   double exposure_ms = 0;                   ///< 0: as the camera stands

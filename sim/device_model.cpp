@@ -26,10 +26,18 @@ double from_udeg(std::int64_t udeg) {
   return static_cast<double>(udeg) * 1e-6 * kDegree;
 }
 
-Scene checked_scene(const DeviceConfig& config) {
-  auto scene = Scene::make(config.scene, config.print);
-  if (!scene) throw std::invalid_argument(scene.error());
+/// Errors as Scene::make.
+tl::expected<Scene, std::string> scene_of(const std::string& name, const DeviceConfig& config) {
+  auto scene = Scene::make(name, config.print);
+  if (!scene) return scene;
   scene->set_rim_tags(config.rim_tags);
+  if (config.texture) scene->set_texture(*config.texture);
+  return scene;
+}
+
+Scene checked_scene(const DeviceConfig& config) {
+  auto scene = scene_of(config.scene, config);
+  if (!scene) throw std::invalid_argument(scene.error());
   return *std::move(scene);
 }
 
@@ -326,9 +334,8 @@ void DeviceModel::render_frames() {
 }
 
 tl::expected<void, std::string> DeviceModel::put(const std::string& name) {
-  auto scene = Scene::make(name, config_.print);
+  auto scene = scene_of(name, config_);
   if (!scene) return tl::unexpected(scene.error());
-  scene->set_rim_tags(config_.rim_tags);
   replace_scene(*std::move(scene));
   return {};
 }
@@ -442,8 +449,7 @@ Calibration DeviceModel::calibration() const {
   c.time.line_time_ns = {static_cast<double>(config_.camera.line_time_ns()), 1e-3};
   const std::vector<PrintedCorner> corners = RimTags(config_.rim_tags).corners();
   for (std::size_t k = 0; k + 3 < corners.size(); k += 4) {  // from the lower left on, against the clock
-    c.rim_tags.push_back(
-        {corners[k].id, {corners[k + 3].p, corners[k + 2].p, corners[k + 1].p, corners[k].p}, 1e-6});
+    c.rim_tags.push_back({corners[k].id, {corners[k + 3].p, corners[k + 2].p, corners[k + 1].p, corners[k].p}, 1e-6});
   }
   return c;
 }

@@ -28,8 +28,9 @@ namespace celadon::sim {
 
 struct DeviceConfig {
   std::string scene = "vase";
-  int rim_tags = 0;   ///< fiducials round the platter's edge
-  PrintErrors print;  ///< of boards
+  int rim_tags = 0;                      ///< fiducials round the platter's edge
+  std::optional<std::uint64_t> texture;  ///< seed of the object's; nullopt: it has none
+  PrintErrors print;                     ///< of boards
   std::uint64_t seed = 1;
   std::string serial = "SIM-0001";
   std::string date;              ///< of the calibration, ISO 8601; empty: the day of the start

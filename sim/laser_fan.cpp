@@ -100,7 +100,9 @@ Beam LaserFan::trace_ray(const View& view, const Ray& ray_W, const Posture& post
   beam.facet = hit->facet;
   // A fan spreads in one direction: irradiance falls as 1 / distance.
   const double irradiance = facing * std::hypot(sheet_.emitter_W.x(), sheet_.emitter_W.y()) / hit->t;
-  double reflectance = hit->print > 0 ? hit->print : hit->material == Material::platter ? config_.platter_albedo : 1;
+  double reflectance = hit->print > 0                       ? hit->print
+                       : hit->material == Material::platter ? config_.platter_albedo
+                                                            : view.scene.albedo(*hit);
   if (config_.glaze > 0 && hit->material == Material::object) {
     const double gloss = std::max(0.0, hit->normal.dot((to_camera.normalized() - ray_T.d).normalized()));
     reflectance += config_.glaze * std::pow(gloss, config_.glaze_exponent);

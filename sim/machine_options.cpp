@@ -71,6 +71,9 @@ void add_machine_options(CLI::App& app, Options& o) {
   app.add_option("--rim-tags", o.rim_tags, "AprilTags (tag36h11, from 100 on) round the platter's edge")
       ->check(CLI::Range(0, 24))
       ->capture_default_str();
+  app.add_option("--texture", o.texture, "the object's surface is speckled, by this seed, or none")
+      ->check(CLI::IsMember({"none"}) | CLI::TypeValidator<std::uint64_t>("SEED"))
+      ->capture_default_str();
   app.add_option("--board-pitch-x", o.board_pitch_x, "boards are printed too long along their rows, relative")
       ->check(CLI::Range(-0.05, 0.05))
       ->capture_default_str();
@@ -129,6 +132,7 @@ DeviceConfig device_of(const Options& o) {
   DeviceConfig device = default_device(camera, o.sheet_offset_mm, o.sheet_tilt_mrad * 1e-3);
   device.scene = o.scene;
   device.rim_tags = o.rim_tags;
+  if (o.texture != "none") device.texture = std::stoull(o.texture);
   device.print = {o.board_pitch_x, o.board_pitch_y, o.board_bow_mm};
   device.seed = o.seed;
   device.date = o.date;

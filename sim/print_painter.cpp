@@ -63,22 +63,10 @@ class Corners {
 }  // namespace
 
 PrintPainter::PrintPainter(const OpticsConfig& config)
-    : width_(config.camera.width_px),
-      height_(config.camera.height_px),
-      margin_(static_cast<int>(std::ceil(4 * config.blur_px)) + 1) {
-  const double sigma = std::max(config.blur_px, 0.1) * kSub;
-  taps_.resize(2 * static_cast<std::size_t>(std::ceil(4 * sigma)) + 1);
-  float total = 0;
-  for (std::size_t k = 0; k < taps_.size(); ++k) {
-    const double u = static_cast<double>(k) - static_cast<double>(taps_.size() / 2);
-    taps_[k] = static_cast<float>(std::exp(-u * u / (2 * sigma * sigma)));
-    total += taps_[k];
-  }
-  for (float& tap : taps_) tap /= total;
-}
+    : width_(config.camera.width_px), height_(config.camera.height_px), blur_(config.blur_px, kSub) {}
 
-PrintPainter::Patch PrintPainter::patch_of(const std::vector<Vector3d>& outline, const VirtualCamera& camera,
-                                           const std::function<TablePose(int)>& pose_of_row) const {
+Patch PrintPainter::patch_of(const std::vector<Vector3d>& outline, const VirtualCamera& camera,
+                             const std::function<TablePose(int)>& pose_of_row) const {
   Eigen::Vector2d low(width_, height_), high(0, 0);
   for (const int row : {0, height_ - 1}) {
     const TablePose pose = pose_of_row(row);
@@ -88,9 +76,10 @@ PrintPainter::Patch PrintPainter::patch_of(const std::vector<Vector3d>& outline,
       high = high.cwiseMax(pixel);
     }
   }
-  return {std::max(0, static_cast<int>(low.x()) - margin_), std::max(0, static_cast<int>(low.y()) - margin_),
-          std::min(width_, static_cast<int>(high.x()) + margin_ + 1),
-          std::min(height_, static_cast<int>(high.y()) + margin_ + 1)};
+  const int margin = blur_.margin_px();
+  return {std::max(0, static_cast<int>(low.x()) - margin), std::max(0, static_cast<int>(low.y()) - margin),
+          std::min(width_, static_cast<int>(high.x()) + margin + 1),
+          std::min(height_, static_cast<int>(high.y()) + margin + 1)};
 }
 
 void PrintPainter::paint(const Scene& scene, const VirtualCamera& camera,
@@ -107,10 +96,10 @@ void PrintPainter::paint(const Scene& scene, const VirtualCamera& camera,
   const Vector3d up(0, 0, centre_T_of(height_ / 2).z() >= 0 ? 1 : -1);
   for (const auto& outline : scene.printed()) {
     const Patch patch = patch_of(outline, camera, pose_of_row);
-    if (patch.x0 >= patch.x1 || patch.y0 >= patch.y1) continue;
+    if (patch.empty()) continue;
     const Corners corners(patch.x0, patch.y0, patch.x1, patch.y1, exact_ray_T, seen_along);
     const std::size_t tag = tags.nearest(outline.front().x(), outline.front().y());
-    const int columns = (patch.x1 - patch.x0) * kSub;
+    const int columns = patch.width() * kSub;
     fine_.resize(static_cast<std::size_t>(columns) * static_cast<std::size_t>((patch.y1 - patch.y0) * kSub));
     for (int y = patch.y0; y < patch.y1; ++y) {
       const TablePose pose = pose_of_row(y);
@@ -143,32 +132,7 @@ void PrintPainter::paint(const Scene& scene, const VirtualCamera& camera,
         }
       }
     }
-    blur(patch, levels);
-  }
-}
-
-// Beyond its ends a line stays as it is there. Only what becomes a pixel is summed: its middle sample.
-void PrintPainter::blur(const Patch& patch, std::vector<float>& levels) {
-  const int wide = patch.x1 - patch.x0, high = patch.y1 - patch.y0, half = static_cast<int>(taps_.size()) / 2;
-  const auto sum_about = [&](const float* line, int count, std::ptrdiff_t step, int middle) {
-    float sum = 0;
-    for (int k = -half; k <= half; ++k) {
-      sum += taps_[static_cast<std::size_t>(k + half)] * line[std::clamp(middle + k, 0, count - 1) * step];
-    }
-    return sum;
-  };
-  lines_.resize(static_cast<std::size_t>(wide) * static_cast<std::size_t>(high * kSub));
-  for (int j = 0; j < high * kSub; ++j) {
-    const float* const line = &fine_[static_cast<std::size_t>(j * wide * kSub)];
-    for (int x = 0; x < wide; ++x) {
-      lines_[static_cast<std::size_t>(j * wide + x)] = sum_about(line, wide * kSub, 1, x * kSub + kSub / 2);
-    }
-  }
-  for (int y = 0; y < high; ++y) {
-    for (int x = 0; x < wide; ++x) {
-      levels[static_cast<std::size_t>((patch.y0 + y) * width_ + patch.x0 + x)] =
-          sum_about(&lines_[static_cast<std::size_t>(x)], high * kSub, wide, y * kSub + kSub / 2);
-    }
+    blur_.apply(fine_, patch, width_, levels);
   }
 }
 

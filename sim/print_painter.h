@@ -4,6 +4,7 @@
 #include <functional>
 #include <vector>
 
+#include "sim/lens_blur.h"
 #include "sim/optics.h"
 #include "sim/scene.h"
 
@@ -23,16 +24,12 @@ class PrintPainter {
 
  private:
   static constexpr int kSub = 3;
-  struct Patch {
-    int x0, y0, x1, y1;  ///< pixels
-  };
   Patch patch_of(const std::vector<Eigen::Vector3d>& outline, const VirtualCamera& camera,
                  const std::function<TablePose(int)>& pose_of_row) const;
-  void blur(const Patch& patch, std::vector<float>& levels);
 
-  int width_, height_, margin_;
-  std::vector<float> taps_;          ///< of the lens, in samples
-  std::vector<float> fine_, lines_;  ///< samples of a patch; blurred along its rows, one a pixel
+  int width_, height_;
+  LensBlur blur_;
+  std::vector<float> fine_;  ///< samples of a patch
 };
 
 }  // namespace celadon::sim

@@ -13,7 +13,7 @@ using Eigen::Vector3d;
 
 constexpr double kCell_rad = 5 * std::numbers::pi / 180;
 constexpr double kHeadCell_rad = std::numbers::pi / 180, kLiftCell_mm = 1;
-constexpr double kPrintedCell_rad = 1e-6, kPrintedCell_mm = 1e-4;
+constexpr double kPaintedCell_rad = 1e-6, kPaintedCell_mm = 1e-4;
 constexpr int kBlock = 8;  // room light is rendered on every eighth pixel
 
 // The lamp hangs in the room: it stays when the head turns.
@@ -27,35 +27,39 @@ RoomLight::RoomLight(const OpticsConfig& config)
     : config_(config),
       shaded_(static_cast<std::size_t>(config.camera.width_px) * static_cast<std::size_t>(config.camera.height_px)),
       levels_(shaded_.size()),
-      painter_(config) {}
+      textures_(config),
+      prints_(config) {}
 
 void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure) {
   const int height = config_.camera.height_px;
   const Posture posture = exposure.posture_at(0.5 * height, 0);
-  const bool plain = scene.printed().empty();
+  const bool plain = scene.printed().empty() && !scene.textured();
   const auto stepped = [](double value, double step) { return std::round(value / step) * step; };
   Posture exact, near;  // near: for what may be shown a little turned
-  exact.elevation_rad = near.elevation_rad = stepped(posture.elevation_rad, plain ? kHeadCell_rad : kPrintedCell_rad);
-  if (!scene.held()) exact.lift_mm = near.lift_mm = stepped(posture.lift_mm, plain ? kLiftCell_mm : kPrintedCell_mm);
+  exact.elevation_rad = near.elevation_rad = stepped(posture.elevation_rad, plain ? kHeadCell_rad : kPaintedCell_rad);
+  if (!scene.held()) exact.lift_mm = near.lift_mm = stepped(posture.lift_mm, plain ? kLiftCell_mm : kPaintedCell_mm);
   if (!scene.turns_invisibly()) {
-    exact.table_rad = stepped(posture.table_rad, kPrintedCell_rad);
+    exact.table_rad = stepped(posture.table_rad, kPaintedCell_rad);
     near.table_rad = scene.object_is_printed() ? exact.table_rad : stepped(posture.table_rad, kCell_rad);
   }
   const bool shaded = ready_ && near == shaded_at_;
   if (!shaded) shade(scene, camera, near);
-  const bool rows_differ = !plain && apart_rad(exposure.posture_at(0, 0), exposure.posture_at(height - 1.0, 0),
-                                               !scene.turns_invisibly()) > kPrintedCell_rad;
-  if (shaded && (plain || (exact == printed_at_ && !rows_differ))) return;
+  const bool rows_differ =
+      !scene.printed().empty() && apart_rad(exposure.posture_at(0, 0), exposure.posture_at(height - 1.0, 0),
+                                            !scene.turns_invisibly()) > kPaintedCell_rad;
+  if (shaded && (plain || (exact == painted_at_ && !rows_differ))) return;
   levels_ = shaded_;
   const Vector3d lamp_T = lamp_in_table(exact);
   const TablePose middle = scene.table_pose(exact, {}, config_.axes);
-  painter_.paint(
+  const auto lit = [&](const Hit& hit) { return brightness(hit, lamp_T); };
+  if (scene.textured()) textures_.paint(scene, camera, middle, lit, levels_);
+  prints_.paint(
       scene, camera,
       [&](int row) { return rows_differ ? scene.table_pose(exposure.posture_at(row, 0), {}, config_.axes) : middle; },
-      [&](const Hit& hit) { return brightness(hit, lamp_T); }, levels_);
+      lit, levels_);
   ready_ = true;
   shaded_at_ = near;
-  printed_at_ = rows_differ ? std::nullopt : std::optional(exact);
+  painted_at_ = rows_differ ? std::nullopt : std::optional(exact);
 }
 
 // Room light: a gradient over the background, and the object and platter shaded by a broad lamp above the camera.

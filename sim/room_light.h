@@ -8,6 +8,7 @@
 #include "sim/optics.h"
 #include "sim/print_painter.h"
 #include "sim/scene.h"
+#include "sim/texture_painter.h"
 
 namespace celadon::sim {
 
@@ -16,10 +17,14 @@ class RoomLight {
   explicit RoomLight(const OpticsConfig& config);
 
   /// Makes levels() those of the middle of an exposure: in steps of five degrees of the table, of a degree of the head,
-  /// of a millimetre of the lift; with calibration targets exactly there, in each row as it is exposed.
+  /// of a millimetre of the lift; with a textured object exactly there, and calibration targets in each row as it is
+  /// exposed.
   void update(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure);
   /// The object or the camera was moved.
-  void forget() { ready_ = false; }
+  void forget() {
+    ready_ = false;
+    textures_.forget();
+  }
   /// Height x width, at the reference exposure.
   const std::vector<float>& levels() const { return levels_; }
 
@@ -28,11 +33,12 @@ class RoomLight {
   void shade(const Scene& scene, const VirtualCamera& camera, const Posture& posture);
 
   OpticsConfig config_;
-  std::vector<float> shaded_, levels_;  ///< without and with prints
-  PrintPainter painter_;
+  std::vector<float> shaded_, levels_;  ///< without and with texture and prints
+  TexturePainter textures_;
+  PrintPainter prints_;
   std::vector<Eigen::Vector3d> rays_H_;  ///< of the pixels that are looked at
   Posture shaded_at_;
-  std::optional<Posture> printed_at_;  ///< nullopt: its rows are of different postures
+  std::optional<Posture> painted_at_;  ///< nullopt: its rows are of different postures
   bool ready_ = false;
 };
 

@@ -87,12 +87,20 @@ void Scene::set_pose(const ObjectPose& pose) {
 
 bool Scene::turns_invisibly() const {
   if (held()) return true;
-  return body_->of_revolution() && pose_.x_mm == 0 && pose_.y_mm == 0 && rim_tags_.outlines().empty();
+  return body_->of_revolution() && !textured() && pose_.x_mm == 0 && pose_.y_mm == 0 && rim_tags_.outlines().empty();
+}
+
+void Scene::set_texture(std::uint64_t seed) {
+  if (!object_is_printed() && body_->height_mm() > 0) texture_ = std::make_shared<const Texture>(seed);
+}
+
+Vector3d Scene::point_to_object(const Vector3d& p) const {
+  const double x = p.x() - pose_.x_mm, y = p.y() - pose_.y_mm;
+  return {cos_ * x + sin_ * y, cos_ * y - sin_ * x, p.z()};
 }
 
 Ray Scene::to_object(const Ray& ray) const {
-  const double x = ray.p.x() - pose_.x_mm, y = ray.p.y() - pose_.y_mm;
-  return {{cos_ * x + sin_ * y, cos_ * y - sin_ * x, ray.p.z()},
+  return {point_to_object(ray.p),
           {cos_ * ray.d.x() + sin_ * ray.d.y(), cos_ * ray.d.y() - sin_ * ray.d.x(), ray.d.z()}};
 }
 

@@ -5,6 +5,7 @@
 // scanner frame at table angle 0. p_T = pose * p_O.
 
 #include <Eigen/Core>
+#include <cstdint>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -18,6 +19,7 @@
 #include "sim/radial_body.h"
 #include "sim/table_pose.h"
 #include "sim/target.h"
+#include "sim/texture.h"
 
 namespace celadon::sim {
 
@@ -92,6 +94,12 @@ class Scene {
   std::optional<Hit> refine(const Ray& ray, double t_near, int facet = 0) const;
   const RimTags& rim_tags() const { return rim_tags_; }
   bool object_is_printed() const { return !body_->corners().empty(); }
+  /// The albedo of the place that was hit: 1 everywhere on an object without texture.
+  /// @pre of the object, not printed
+  double albedo(const Hit& hit) const { return texture_ ? texture_->albedo(point_to_object(hit.p)) : 1; }
+  bool textured() const { return texture_ != nullptr; }
+  /// Of objects; boards and the bare platter stay as they are.
+  void set_texture(std::uint64_t seed);
   /// Looks the same at every table angle.
   bool turns_invisibly() const;
   bool has_edges() const { return body_->has_edges(); }
@@ -109,6 +117,7 @@ class Scene {
 
  private:
   static constexpr double kPlatterRadius = 75;
+  Eigen::Vector3d point_to_object(const Eigen::Vector3d& p_T) const;
   Ray to_object(const Ray& ray) const;
   Hit to_table(const Ray& ray, const BodyHit& hit) const;
   Eigen::Vector3d point_to_table(const Eigen::Vector3d& p_O) const;
@@ -119,6 +128,7 @@ class Scene {
   ObjectPose pose_;
   double cos_ = 1, sin_ = 0;
   RimTags rim_tags_{0};
+  std::shared_ptr<const Texture> texture_;  ///< nullptr: of one colour
 };
 
 }  // namespace celadon::sim

@@ -38,7 +38,8 @@ int order_scan(const ScanOrder& order, const FollowOptions& options) {
   std::optional<VirtualScanner> simulated;
   std::string server = order.server;
   if (!order.scene.empty()) {
-    auto started = VirtualScanner::start({order.scene, order.seed, order.lasers, order.elevation, order.lift});
+    auto started =
+        VirtualScanner::start({order.scene, order.seed, order.lasers, order.elevation, order.lift, order.textured});
     if (!started) return fail(3, started.error());
     simulated.emplace(std::move(*started));
     server = simulated->server();

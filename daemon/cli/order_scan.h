@@ -24,6 +24,7 @@ struct ScanOrder {
   nlohmann::json request;                ///< as in openapi.yaml
   int lasers = 1;                        ///< of the virtual scanner
   bool elevation = false, lift = false;  ///< whether it has these axes
+  bool textured = false;                 ///< its object has a texture and is well lit
 };
 
 /// Asks for a scan and follows it as follow_scan() does. @returns the exit code

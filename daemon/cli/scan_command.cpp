@@ -22,10 +22,10 @@ namespace {
 using nlohmann::json;
 
 struct ScanArguments {
-  std::string server = kServer, scene, name, mode = "sweep", shape = "cylinder", model = "auto";
+  std::string server = kServer, scene, name, method = "laser", mode, shape = "cylinder", model = "auto";
   FollowOptions follow;
   std::uint64_t seed = 1;
-  int profiles = 1200;
+  int profiles = 0;
   bool dry_turn = false;
   double exposure_ms = 0, tolerance_mm = 0, form_tolerance_mm = -1;
   std::vector<std::string> lasers = {"all"};
@@ -44,9 +44,11 @@ std::vector<int> lasers_of(const ScanArguments& a) {
 }
 
 json request_of(const ScanArguments& a) {
-  json request{{"mode", a.mode},         {"profiles", a.profiles},         {"shape", a.shape},
-               {"model", a.model},       {"tolerance_mm", a.tolerance_mm}, {"degree_u", a.degree[0]},
-               {"degree_v", a.degree[1]}};
+  json request{{"method", a.method},      {"shape", a.shape},
+               {"model", a.model},        {"tolerance_mm", a.tolerance_mm},
+               {"degree_u", a.degree[0]}, {"degree_v", a.degree[1]}};
+  if (!a.mode.empty()) request["mode"] = a.mode;
+  if (a.profiles > 0) request["profiles"] = a.profiles;
   if (const auto lasers = lasers_of(a); !lasers.empty()) request["lasers"] = lasers;
   if (!a.elevations_deg.empty()) request["elevations_deg"] = a.elevations_deg;
   if (!a.lifts_mm.empty()) request["lifts_mm"] = a.lifts_mm;
@@ -68,7 +70,7 @@ int scan(const ScanArguments& arguments) {
     return fail(2, "--lasers takes all or numbers; leave one of them out");
   const bool second = std::find(lasers.begin(), lasers.end(), 1) != lasers.end();
   return order_scan({arguments.server, arguments.scene, arguments.seed, request_of(arguments), second ? 2 : 1,
-                     !arguments.elevations_deg.empty(), !arguments.lifts_mm.empty()},
+                     !arguments.elevations_deg.empty(), !arguments.lifts_mm.empty(), arguments.method == "stereo"},
                     arguments.follow);
 }
 
@@ -125,9 +127,17 @@ void add_scan_command(CLI::App& program, Run& run) {
   command->add_option("-o,--output", a->follow.folder,
                       "folder for the files; default: they stay in the daemon's store");
   command->add_option("--name", a->name, "name of the object");
+  command
+      ->add_option("--method", a->method,
+                   "laser: a line on the object; stereo: no laser, pictures of a textured object under even light that "
+                   "are matched in pairs; a virtual scanner then has a texture on the object and a lamp")
+      ->check(CLI::IsMember({"laser", "stereo"}));
   command->add_option("--mode", a->mode, "stop for each frame, or turn at constant speed")
-      ->check(CLI::IsMember({"step", "sweep"}));
-  command->add_option("--profiles", a->profiles, "a turn, 16 to 100000")->check(CLI::Range(16, 100000));
+      ->check(CLI::IsMember({"step", "sweep"}))
+      ->default_str("sweep; step with stereo");
+  command->add_option("--profiles", a->profiles, "a turn, 16 to 100000; with stereo the pictures of a turn, 36 to 720")
+      ->check(CLI::Range(16, 100000))
+      ->default_str("1200; 90 with stereo");
   command->add_flag("--dry-turn", a->dry_turn,
                     "only a quick turn and a report: is all of the object in view, is the exposure right, how long "
                     "will the scan take and how well will it measure");

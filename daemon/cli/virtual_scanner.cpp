@@ -154,6 +154,9 @@ tl::expected<VirtualScanner, std::string> VirtualScanner::start(const VirtualSca
                                      scanner.folder_.string()};
   if (options.elevation) simulator.emplace_back("--elevation");
   if (options.lift) simulator.emplace_back("--lift");
+  constexpr const char* kGoodLamp = "6";
+  if (options.textured)
+    simulator.insert(simulator.end(), {"--texture", std::to_string(options.seed), "--ambient", kGoodLamp});
   const auto ready = scanner.simulator_.start(simulator, in_folder("sim.log"));
   if (!ready) return tl::unexpected(ready.error());
   const auto description = nlohmann::json::parse(*ready, nullptr, false);

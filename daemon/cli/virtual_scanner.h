@@ -35,6 +35,7 @@ struct VirtualScannerOptions {
   std::uint64_t seed = 1;
   int lasers = 1;                        ///< 1 or 2
   bool elevation = false, lift = false;  ///< axes beside the table
+  bool textured = false;                 ///< the object has a texture, under a good lamp
 };
 
 /// A virtual scanner with a daemon that drives it, in lock-step as fast as it goes; the daemon takes the simulator's

@@ -39,6 +39,42 @@ TEST(ScanRequestJson, EmptyMeansTheDefaults) {
   EXPECT_TRUE(all->lasers.empty());
 }
 
+TEST(ScanRequestJson, StereoIsInStepsAndComesBack) {
+  const auto request = scan_request_from_json(json{{"method", "stereo"}});
+  ASSERT_TRUE(request) << request.error().detail;
+  EXPECT_EQ(request->method, ScanMethod::stereo);
+  EXPECT_EQ(request->mode, ScanMode::step);
+  EXPECT_EQ(request->profiles, kStereoProfiles);
+  ScanRecord record;
+  record.request = *request;
+  const auto back = scan_request_from_json(to_json(record)["request"]);
+  ASSERT_TRUE(back) << back.error().detail;
+  EXPECT_EQ(back->method, ScanMethod::stereo);
+  EXPECT_EQ(back->profiles, kStereoProfiles);
+  // Programs from before there was a choice read requests of scans with a laser.
+  EXPECT_FALSE(to_json(ScanRecord{})["request"].contains("method"));
+}
+
+TEST(ScanRequestJson, WhatStereoCannotDoIsRefused) {
+  const std::pair<json, const char*> wrong[] = {
+      {{{"method", "sonar"}}, "one of laser, stereo"},
+      {{{"method", "stereo"}, {"mode", "sweep"}}, "give step with the method stereo"},
+      {{{"method", "stereo"}, {"profiles", 35}}, "from 36 to 720"},
+      {{{"method", "stereo"}, {"profiles", 721}}, "from 36 to 720"},
+      {{{"method", "stereo"}, {"lasers", {0}}}, "no lasers with the method stereo"},
+      {{{"method", "stereo"}, {"elevations_deg", {0, 20}}}, "no elevations"},
+      {{{"method", "stereo"}, {"lifts_mm", {0}}}, "no heights"},
+      {{{"method", "stereo"}, {"dry_turn", true}}, "no dry turn"},
+  };
+  for (const auto& [body, sentence] : wrong) {
+    const auto request = scan_request_from_json(body);
+    ASSERT_FALSE(request) << body;
+    EXPECT_EQ(request.error().status, 422);
+    EXPECT_NE(request.error().detail.find(sentence), std::string::npos) << request.error().detail;
+  }
+  EXPECT_TRUE(scan_request_from_json(json{{"method", "laser"}, {"mode", "sweep"}}));
+}
+
 TEST(ScanRequestJson, EveryFieldComesBack) {
   ScanRecord record;
   record.request.name = "vase 2.b";
