@@ -173,6 +173,7 @@ tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEqu
 
 std::vector<ResultFormat> formats_of(const ScanRequest& request) {
   std::vector<ResultFormat> formats;
+  if (!request.fits_surface()) return formats;
   for (const std::string& text : request.formats) {
     if (const auto format = result_format_from(text)) formats.push_back(*format);
   }
@@ -186,6 +187,23 @@ std::optional<double> centre_of(const ScanRequest& request, const Calibration& c
   const auto& lift = calibration.lift;
   return crossing_of(*calibration.elevation).z_mm -
          (lift ? lift->scale.value * first.lift_mm * lift->direction.z() : 0);
+}
+
+/// The samples as the result, where no surface was asked for.
+tl::expected<ScanOutcome, ScanStop> keep_samples(const ScanTask& task, ProfileLogWriter& log, ResultNotes& notes) {
+  notes.warnings.emplace_back(
+      "No surface was fitted, as asked: the samples are the result, and none of the checks that need a surface was "
+      "made.");
+  if (auto synced = log.wait_synced(); !synced) notes.warnings.push_back(synced.error().message);
+  std::uint64_t points = 0;
+  for (const LaserShare& share : notes.lasers) points += share.samples;
+  auto files = write_samples(task.log_file, points, task.results_folder, notes);
+  if (!files) return failed(files.error().message);
+  ScanOutcome outcome;
+  outcome.files = std::move(*files);
+  outcome.warnings = notes.warnings;
+  outcome.checks = notes.checks;
+  return outcome;
 }
 
 double seconds_of(const ResultNotes& notes, std::initializer_list<const char*> stages) {
@@ -302,6 +320,13 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   notes.warnings.insert(notes.warnings.end(), captured->warnings.begin(), captured->warnings.end());
   if (auto finished = (*log)->finish(LogOutcome::complete, ""); !finished) return failed(finished.error().message);
   clock.end("make_safe");
+  if (!task.request.fits_surface()) {
+    if (const auto light = shines.get(); light && !unsafe) notes.warnings.push_back(*light);
+    feed->reset();
+    observer.on_state(ScanState::exporting);
+    notes.checks = datum_checks(datum.result(), equipment.calibration);
+    return keep_samples(task, **log, notes);
+  }
 
   // Solve, down to the exact NURBS surface.
   observer.on_state(ScanState::solving);
