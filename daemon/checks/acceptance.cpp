@@ -31,7 +31,11 @@ class Items {
 
   void add(Characteristic what, const std::string& where, const std::string& missing, const MeasuredLength& measured,
            const Measured& certified) {
-    AcceptanceItem item{what, where, measured.mm, certified.value};
+    AcceptanceItem item;
+    item.what = what;
+    item.where = where;
+    item.measured = measured.mm;
+    item.certified = certified.value;
     item.u_scatter = measured.u_scatter_mm;
     item.u_calibration = measured.u_calibration_mm;
     item.u_certificate = certified.u;

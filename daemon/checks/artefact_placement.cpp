@@ -126,9 +126,15 @@ tl::expected<ArtefactPlacement, std::string> find_placement(const Artefact& arte
   std::sort(candidates.begin(), candidates.end(),
             [](const Candidate& a, const Candidate& b) { return a.score > b.score; });
   const Candidate& best = candidates.front();
+  if (!(best.score > 0)) {
+    return tl::unexpected<std::string>(
+        "no ball of the artefact is found: nothing lies where one could be; put the artefact on the table, within 25 "
+        "mm "
+        "of the middle");
+  }
   for (const Candidate& other : candidates) {
     if (other.score >= kAsGood * best.score && score.apart_mm(other.placement, best.placement) > 2 * kReach_mm) {
-      return tl::unexpected(
+      return tl::unexpected<std::string>(
           "the artefact shows the same balls in two placements on the table, and which ball is which cannot be told; "
           "use one whose balls differ in height or in distance from the axis by 4 mm or more");
     }
