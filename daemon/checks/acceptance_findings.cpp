@@ -91,7 +91,8 @@ std::vector<std::string> acceptance_findings(const Acceptance& acceptance) {
   }
   for (const AcceptanceItem* item : sizes) {
     const double apart = left_of(*item) - shared;
-    if (std::abs(apart) <= kSigmas * item->u()) continue;
+    // What all share is more for a small ball than for a large one.
+    if (std::abs(apart) <= std::max(kSigmas * item->u(), std::abs(shared) / 2)) continue;
     out.push_back(text_of("ball %s stands apart%s by %+.4f mm of diameter, %.1f times its standard uncertainty",
                           item->where.c_str(), sizes.size() >= kTellsApart ? " from the others" : "", apart,
                           std::abs(apart) / item->u()) +
