@@ -323,6 +323,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   if (!task.request.fits_surface()) {
     if (const auto light = shines.get(); light && !unsafe) notes.warnings.push_back(*light);
     feed->reset();
+    if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
     observer.on_state(ScanState::exporting);
     notes.checks = datum_checks(datum.result(), equipment.calibration);
     return keep_samples(task, **log, notes);
