@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <utility>
@@ -16,7 +17,7 @@ namespace {
 using Eigen::Vector3d;
 using Indices = std::vector<std::size_t>;
 
-constexpr std::size_t kPlacementPoints = 6000, kFitPoints = 2000;
+constexpr std::size_t kPlacementPoints = 3000, kFitPoints = 2000;
 constexpr double kSearch_mm = 4;  // about where a ball should be: the placement is good to a few millimetres
 constexpr double kOff_mm = 6;     // a ball found further from its place, or so much larger or smaller, is another thing
 
@@ -78,24 +79,29 @@ double width_of(const std::vector<double>& sorted, double share) {
   return least;
 }
 
-/// What the widths of eight parts of the points, profile by profile in turn, scatter by. The narrowest layer that holds
-/// 95 % is about the same for a part as for the whole, so its mean over the parts stands for it; the extremes of all
-/// points scatter as those of a part do, or less.
+/// The widths, and by the jackknife what they scatter by: without each eighth of the profiles in turn.
+/// @pre eight profiles or more
 MeasuredForm form_of(const Eigen::VectorXd& residuals, const std::vector<int>& profile) {
-  constexpr std::size_t kParts = 8;
+  constexpr int kParts = 8;
   constexpr double kMost = 0.95;
-  std::vector<std::vector<double>> parts(kParts);
-  std::vector<double> all(residuals.data(), residuals.data() + residuals.size());
-  for (std::size_t i = 0; i < all.size(); ++i) parts[static_cast<std::size_t>(profile[i]) % kParts].push_back(all[i]);
-  Eigen::ArrayXXd widths(kParts, 2);
-  for (std::size_t k = 0; k < kParts; ++k) {
-    std::sort(parts[k].begin(), parts[k].end());
-    widths.row(static_cast<Eigen::Index>(k)) << width_of(parts[k], 1), width_of(parts[k], kMost);
+  std::vector<std::pair<double, int>> sorted;
+  for (std::size_t i = 0; i < profile.size(); ++i) {
+    sorted.emplace_back(residuals[static_cast<Eigen::Index>(i)], profile[i] % kParts);
   }
-  std::sort(all.begin(), all.end());
-  const Eigen::Array2d variance =
-      (widths.rowwise() - widths.colwise().mean()).square().colwise().sum().transpose() / (kParts - 1);
-  return {width_of(all, 1), std::sqrt(variance[0]), width_of(all, kMost), std::sqrt(variance[1] / kParts), all.size()};
+  std::sort(sorted.begin(), sorted.end());
+  const auto widths_without = [&](int part) -> Eigen::Array2d {
+    std::vector<double> values;
+    for (const auto& [value, of] : sorted) {
+      if (of != part) values.push_back(value);
+    }
+    return {width_of(values, 1), width_of(values, kMost)};
+  };
+  Eigen::Array2Xd left(2, kParts);
+  for (int part = 0; part < kParts; ++part) left.col(part) = widths_without(part);
+  const Eigen::Array2d u =
+      ((left.colwise() - left.rowwise().mean().eval()).square().rowwise().sum() * ((kParts - 1.) / kParts)).sqrt();
+  const Eigen::Array2d all = widths_without(-1);
+  return {all[0], u[0], all[1], u[1], profile.size()};
 }
 
 /// Share of fields of equal area, twelve of height by 24 around, that hold a point.

@@ -76,7 +76,7 @@ TEST(AcceptCommand, AKnownArtefactConformsAndWrongCertificatesAndScalesAreNamed)
   station.daemon->wait();
   const std::string calibration = read_file(station.folder / "calibration.toml");
   write(station.folder / "calibration.toml",
-        with(calibration, "scale = { value = 1.0, u = ", "scale = { value = 1.003, u = "));
+        with(calibration, "[geometry]\nscale = { value = 1.0,", "[geometry]\nscale = { value = 1.003,"));
   station.start_daemon();
   const auto scaled = run({"celadon", "accept", "--artefact", station.folder / "artefact.toml", "--mpe", kPermissible,
                            "--server", station.server(), "--profiles", "360", "-o", station.folder / "scaled"});
