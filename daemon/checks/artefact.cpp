@@ -44,7 +44,7 @@ double side_of(Section& section, const std::string& key) {
   return side_mm;
 }
 
-double form_of(Section& section) {
+double certified_form_of(Section& section) {
   if (!section.has("form_mm")) return 0;
   const double form_mm = section.number("form_mm");
   if (!(form_mm >= 0 && form_mm <= kLargest_mm)) {
@@ -74,7 +74,7 @@ CertifiedSphere sphere_of(Section& section) {
   sphere.name = section.text("name");
   sphere.centre_mm = section.vector("centre_mm");
   sphere.diameter = length_of(section, "diameter");
-  sphere.form_mm = form_of(section);
+  sphere.form_mm = certified_form_of(section);
   section.finish();
   if (sphere.centre_mm.cwiseAbs().maxCoeff() > kLargest_mm) {
     section.refuse(section.node("centre_mm"), "centre_mm", "lies more than 1000 mm away; correct the numbers");
@@ -115,7 +115,7 @@ CertifiedFlat flat_of(Section section) {
   flat.normal = section.vector("normal");
   flat.width_mm = side_of(section, "width_mm");
   flat.height_mm = side_of(section, "height_mm");
-  flat.form_mm = form_of(section);
+  flat.form_mm = certified_form_of(section);
   section.finish();
   constexpr double kUnit = 1e-3;
   const double length = flat.normal.norm();
