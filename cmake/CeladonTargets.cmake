@@ -14,16 +14,18 @@ function(celadon_precompiled name)
   target_compile_options(${name} PRIVATE ${arg_OPTIONS})
   target_link_libraries(${name} PRIVATE ${arg_LINK})
   target_precompile_headers(${name} PRIVATE ${arg_HEADERS})
-  if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
-    # Clang writes the clone's path into what it precompiles. The compiler cache takes this sum in place of the contents, and
-    # so serves another clone: all they depend on but the command, which it looks at anyway, are the installed packages.
-    set(packages "")
-    if(EXISTS /var/lib/dpkg/status)
-      file(SHA256 /var/lib/dpkg/status packages)
-    endif()
-    file(CONFIGURE OUTPUT "${PROJECT_BINARY_DIR}/CMakeFiles/${name}.dir/cmake_pch.hxx.pch.sum"
-         CONTENT "${CMAKE_CXX_COMPILER_VERSION} ${packages} ${arg_HEADERS} ${arg_OPTIONS}\n" @ONLY)
+  # What compilers write differs from one time to the next, and with the clone's path. The compiler cache takes this sum in
+  # place of the contents: all they depend on but the command, which it looks at anyway, are the installed packages.
+  set(packages "")
+  if(EXISTS /var/lib/dpkg/status)
+    file(SHA256 /var/lib/dpkg/status packages)
   endif()
+  set(written gch)
+  if(CMAKE_CXX_COMPILER_ID MATCHES "Clang")
+    set(written pch)
+  endif()
+  file(CONFIGURE OUTPUT "${PROJECT_BINARY_DIR}/CMakeFiles/${name}.dir/cmake_pch.hxx.${written}.sum"
+       CONTENT "${CMAKE_CXX_COMPILER_VERSION} ${packages} ${arg_HEADERS} ${arg_OPTIONS}\n" @ONLY)
 endfunction()
 
 set(common_headers <algorithm> <chrono> <cmath> <filesystem> <functional> <memory> <optional> <random> <span> <string> <vector>
