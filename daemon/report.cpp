@@ -161,12 +161,10 @@ void put_heading(Json& json, const ResultNotes& notes) {
 }
 
 // What follows the surface: the same for every shape.
-void put_notes(Json& json, std::span<const RangeFunction* const> pieces, const RangeFitReport& r,
-               const ResultNotes& notes) {
-  json["size_mm"] = to_json(size_of(pieces));
+void put_notes(Json& json, const std::vector<std::string>& warnings_of_fit, const ResultNotes& notes) {
   if (!notes.shape_reason.empty()) json["shape_reason"] = notes.shape_reason;
   Json warnings = Json::array();
-  for (const std::string& text : r.warnings) warnings.push_back(text);
+  for (const std::string& text : warnings_of_fit) warnings.push_back(text);
   for (const std::string& text : notes.warnings) warnings.push_back(text);
   json["warnings"] = std::move(warnings);
   Json seconds = Json::object();
@@ -275,7 +273,8 @@ nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes
   put_counts(json, fit.report);
   put_surface(json, fit);
   const RangeFunction* const piece = &fit.function;
-  put_notes(json, std::span(&piece, 1), fit.report, notes);
+  json["size_mm"] = to_json(size_of(std::span(&piece, 1)));
+  put_notes(json, fit.report.warnings, notes);
   return json;
 }
 
@@ -312,7 +311,17 @@ nlohmann::ordered_json report_json(const CompositeFit& fit, const ResultNotes& n
                                  {"edge_mm", shoulder.edge_mm},
                                  {"seen", shoulder.seen},
                                  {"scatter_mm", shoulder.scatter_mm}});
-  put_notes(json, ranges, fit.report, notes);
+  json["size_mm"] = to_json(size_of(ranges));
+  put_notes(json, fit.report.warnings, notes);
+  return json;
+}
+
+nlohmann::ordered_json report_json(std::uint64_t points, const ResultNotes& notes) {
+  Json json;
+  put_heading(json, notes);
+  json["points"] = points;
+  json["base"] = "none";
+  put_notes(json, {}, notes);
   return json;
 }
 

@@ -135,6 +135,8 @@ Eigen::Vector3d size_of(std::span<const RangeFunction* const> pieces);
 nlohmann::ordered_json report_json(const RangeFit& fit, const ResultNotes& notes);
 /// The same of a body of pieces.
 nlohmann::ordered_json report_json(const CompositeFit& fit, const ResultNotes& notes);
+/// Of a scan to which no surface was fitted.
+nlohmann::ordered_json report_json(std::uint64_t points, const ResultNotes& notes);
 /// The text of report.json.
 std::string format_report(const nlohmann::ordered_json& report);
 

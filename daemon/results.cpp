@@ -8,6 +8,7 @@
 #include <cstring>
 #include <stdexcept>
 #include <system_error>
+#include <utility>
 
 #include "daemon/files/atomic_file.h"
 #include "daemon/files/error_picture.h"
@@ -85,20 +86,45 @@ int sync_folder(const std::filesystem::path& folder) {
   return code;
 }
 
-/// Removes a folder that was not finished, on every way out.
-class Beside {
+/// A folder that appears whole under its name or not at all: made beside, and removed on every way out that does not
+/// publish it.
+class StagedFolder {
  public:
-  explicit Beside(std::filesystem::path path) : path_(std::move(path)) {}
-  Beside(const Beside&) = delete;
-  Beside& operator=(const Beside&) = delete;
-  ~Beside() {
+  static tl::expected<StagedFolder, ResultError> begin(const std::filesystem::path& folder) {
+    std::error_code code;
+    if (std::filesystem::exists(folder, code)) {
+      return tl::make_unexpected(
+          ResultError{2, "The result folder " + folder.string() + " exists already; name another one or remove it."});
+    }
+    StagedFolder staged(folder);
+    std::filesystem::remove_all(staged.path_, code);  // of a run that was killed
+    if (!std::filesystem::create_directories(staged.path_, code) && code) {
+      return system_error("Creating", staged.path_, code.value());
+    }
+    return staged;
+  }
+  StagedFolder(StagedFolder&& other) noexcept
+      : folder_(std::move(other.folder_)), path_(std::move(other.path_)), kept_(std::exchange(other.kept_, true)) {}
+  StagedFolder& operator=(StagedFolder&&) = delete;
+  ~StagedFolder() {
     std::error_code ignored;
     if (!kept_) std::filesystem::remove_all(path_, ignored);
   }
-  void keep() { kept_ = true; }
+
+  const std::filesystem::path& path() const { return path_; }
+  tl::expected<void, ResultError> publish() {
+    if (const int failed = sync_folder(path_); failed != 0) return system_error("Syncing", path_, failed);
+    if (::rename(path_.c_str(), folder_.c_str()) != 0) return system_error("Naming the result folder", folder_, errno);
+    kept_ = true;
+    std::error_code code;
+    const auto parent = std::filesystem::absolute(folder_, code).parent_path();
+    if (const int failed = sync_folder(parent); failed != 0) return system_error("Syncing", parent, failed);
+    return {};
+  }
 
  private:
-  std::filesystem::path path_;
+  explicit StagedFolder(const std::filesystem::path& folder) : folder_(folder), path_(folder.string() + ".part") {}
+  std::filesystem::path folder_, path_;
   bool kept_ = false;
 };
 
@@ -205,17 +231,9 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
     std::span<const FittedSurface> pieces, const std::function<tl::expected<BodyFit, ResultError>()>& measured,
     const std::vector<ResultFormat>& formats, const std::filesystem::path& folder, ResultNotes& notes,
     const ResultOptions& options) {
-  std::error_code code;
-  if (std::filesystem::exists(folder, code)) {
-    return tl::make_unexpected(
-        ResultError{2, "The result folder " + folder.string() + " exists already; name another one or remove it."});
-  }
-  const std::filesystem::path staging = folder.string() + ".part";
-  std::filesystem::remove_all(staging, code);  // of a run that was killed
-  if (!std::filesystem::create_directories(staging, code) && code) {
-    return system_error("Creating", staging, code.value());
-  }
-  Beside guard(staging);
+  auto staged = StagedFolder::begin(folder);
+  if (!staged) return tl::make_unexpected(staged.error());
+  const std::filesystem::path& staging = staged->path();
 
   std::vector<std::string> names;
   auto start = std::chrono::steady_clock::now();
@@ -257,12 +275,27 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
   if (auto written = write_report(report, staging / names.back()); !written) {
     return tl::make_unexpected(written.error());
   }
-  if (const int failed = sync_folder(staging); failed != 0) return system_error("Syncing", staging, failed);
-  if (::rename(staging.c_str(), folder.c_str()) != 0) return system_error("Naming the result folder", folder, errno);
-  guard.keep();
-  const auto parent = std::filesystem::absolute(folder, code).parent_path();
-  if (const int failed = sync_folder(parent); failed != 0) return system_error("Syncing", parent, failed);
+  if (auto published = staged->publish(); !published) return tl::make_unexpected(published.error());
   return names;
+}
+
+tl::expected<std::vector<std::string>, ResultError> write_samples(const std::filesystem::path& log_file,
+                                                                  std::uint64_t points,
+                                                                  const std::filesystem::path& folder,
+                                                                  const ResultNotes& notes) {
+  auto staged = StagedFolder::begin(folder);
+  if (!staged) return tl::make_unexpected(staged.error());
+  const std::filesystem::path samples = staged->path() / "profiles.log";
+  std::error_code code;
+  std::filesystem::create_hard_link(log_file, samples, code);
+  if (code) std::filesystem::copy_file(log_file, samples, code);
+  if (code) return system_error("Copying the log to", samples, code.value());
+  const std::string report = file_name(ResultFormat::report_json, notes.name);
+  if (auto written = write_report(report_json(points, notes), staged->path() / report); !written) {
+    return tl::make_unexpected(written.error());
+  }
+  if (auto published = staged->publish(); !published) return tl::make_unexpected(published.error());
+  return std::vector<std::string>{samples.filename().string(), report};
 }
 
 }  // namespace celadon

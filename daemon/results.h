@@ -65,4 +65,11 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
     const std::vector<ResultFormat>& formats, const std::filesystem::path& folder, ResultNotes& notes,
     const ResultOptions& options = {});
 
+/// Of a scan to which no surface was fitted: its profiles.log (a link to the file where the disk can) and report.json,
+/// into a folder as above. @pre the log is finished  @returns the names in `folder`
+tl::expected<std::vector<std::string>, ResultError> write_samples(const std::filesystem::path& log_file,
+                                                                  std::uint64_t points,
+                                                                  const std::filesystem::path& folder,
+                                                                  const ResultNotes& notes);
+
 }  // namespace celadon

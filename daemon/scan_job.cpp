@@ -174,6 +174,7 @@ tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEqu
 
 std::vector<ResultFormat> formats_of(const ScanRequest& request) {
   std::vector<ResultFormat> formats;
+  if (!request.fits_surface()) return formats;
   for (const std::string& text : request.formats) {
     if (const auto format = result_format_from(text)) formats.push_back(*format);
   }
@@ -194,6 +195,23 @@ OverlapResult nothing_compared() {
   OverlapResult overlap;
   overlap.missing = "a scan by stereo does not compare the end of its turn with the beginning";
   return overlap;
+}
+
+/// The samples as the result, where no surface was asked for.
+tl::expected<ScanOutcome, ScanStop> keep_samples(const ScanTask& task, ProfileLogWriter& log, ResultNotes& notes) {
+  notes.warnings.emplace_back(
+      "No surface was fitted, as asked: the samples are the result, and none of the checks that need a surface was "
+      "made.");
+  if (auto synced = log.wait_synced(); !synced) notes.warnings.push_back(synced.error().message);
+  std::uint64_t points = 0;
+  for (const LaserShare& share : notes.lasers) points += share.samples;
+  auto files = write_samples(task.log_file, points, task.results_folder, notes);
+  if (!files) return failed(files.error().message);
+  ScanOutcome outcome;
+  outcome.files = std::move(*files);
+  outcome.warnings = notes.warnings;
+  outcome.checks = notes.checks;
+  return outcome;
 }
 
 double seconds_of(const ResultNotes& notes, std::initializer_list<const char*> stages) {
@@ -323,6 +341,15 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   notes.warnings.insert(notes.warnings.end(), captured->warnings.begin(), captured->warnings.end());
   if (auto finished = (*log)->finish(LogOutcome::complete, ""); !finished) return failed(finished.error().message);
   clock.end("make_safe");
+  if (!task.request.fits_surface()) {
+    if (const auto light = shines.get(); light && !unsafe) notes.warnings.push_back(*light);
+    feed->reset();
+    if (const auto reason = observer.cancelled()) return tl::make_unexpected(cancelled_by(*reason));
+    observer.on_state(ScanState::exporting);
+    notes.checks = datum_checks(datum.result(), equipment.calibration);
+    notes.checks.push_back(room_light_check(room.reading(), view.reading().bright_level));
+    return keep_samples(task, **log, notes);
+  }
 
   // Solve, down to the exact NURBS surface.
   observer.on_state(ScanState::solving);

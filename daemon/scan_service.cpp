@@ -18,7 +18,7 @@ constexpr int kMostLasers = 4;          // of a controller (firmware_bridge/PROT
 constexpr std::size_t kMostStops = 16;  // of one axis
 constexpr double kLargestElevation_deg = 90, kLargestLift_mm = 1000;
 constexpr double kLongestExposure_ms = 1000, kLargestTolerance_mm = 100;
-constexpr std::array<const char*, 4> kShapes = {"cylinder", "sphere", "composite", "auto"};
+constexpr std::array<const char*, 5> kShapes = {"cylinder", "sphere", "composite", "auto", "none"};
 constexpr std::array<const char*, 5> kModels = {"auto", "cylinder", "revolution", "translational", "general"};
 constexpr std::array<const char*, 4> kFormats = {"step", "stl", "ply", "surface.json"};
 
@@ -279,6 +279,9 @@ tl::expected<ScanRequest, ServiceError> scan_request_from_json(const json& body)
     if (!body.is_object()) refuse("The scan request", body, "a JSON object, {} for the defaults");
     for (const auto& [field, value] : body.items()) read_field(request, field, value);
     if (request.method == ScanMethod::stereo) settle_stereo(request, body);
+    if (request.dry_turn && !request.fits_surface()) {
+      throw Refusal{"dry_turn foretells a surface and shape none asks for none; give one of them."};
+    }
   } catch (const Refusal& refusal) {
     return tl::make_unexpected(ServiceError{422, "invalid scan request", refusal.detail});
   }

@@ -38,12 +38,14 @@ struct ScanRequest {
   std::vector<int> lasers = {};             ///< a turn with each, in this order; empty: all that are calibrated
   std::vector<double> elevations_deg = {};  ///< of the head: a turn at each; empty: at 0
   std::vector<double> lifts_mm = {};        ///< of the table: all of them at each; empty: at 0
-  std::string shape = "cylinder";           ///< cylinder|sphere|composite|auto
+  std::string shape = "cylinder";           ///< cylinder|sphere|composite|auto; none: the samples are the result
   std::string model = "auto";               ///< auto|cylinder|revolution|translational|general
   double tolerance_mm = 0;                  ///< 0: what the data carry
   std::optional<double> form_tolerance_mm;
   int degree_u = 3, degree_v = 3;
   std::vector<std::string> formats = {"step", "stl", "ply", "surface.json"};  ///< report.json is always written
+
+  bool fits_surface() const { return shape != "none"; }
 };
 
 struct ScanProgress {

@@ -11,11 +11,11 @@ namespace celadon::sim {
 void add_machine_options(CLI::App& app, Options& o) {
   std::string known;
   for (const std::string& name : Scene::names()) known += name + ", ";
-  app.add_option(
-         "--scene", o.scene,
-         "object on the table: " + known +
-             "empty, mesh:FILE (STL or PLY, millimetres), board:chessboard:11x8x8 or board:tags:10x7x12 with or "
-             "without their sizes, with a pose after @")
+  app.add_option("--scene", o.scene,
+                 "object on the table: " + known +
+                     "artefact, empty, mesh:FILE (STL or PLY, millimetres), board:chessboard:11x8x8 or "
+                     "board:tags:10x7x12 with or "
+                     "without their sizes, with a pose after @")
       ->capture_default_str();
   app.add_option("--seed", o.seed, "of every random number")->capture_default_str();
   app.add_option("--width", o.width, "image width, px")->check(CLI::Range(64, 4096))->capture_default_str();

@@ -15,6 +15,7 @@
 #include <optional>
 #include <sstream>
 
+#include "sim/artefact.h"
 #include "sim/device_truth.h"
 #include "sim/machine_options.h"
 #include "sim/picture_file.h"
@@ -283,7 +284,12 @@ int run(int argc, char** argv) {
   auto* truth_at = truth->add_option("--angle", truth_readings.angle_deg, "angle, degrees");
   truth->add_option("--z", truth_z, "height, mm")->needs(truth_at);
   truth_file->excludes(truth_at);
-  bool truth_effects = false, truth_corners = false;
+  bool truth_effects = false, truth_corners = false, truth_artefact = false;
+  truth
+      ->add_flag("--artefact", truth_artefact,
+                 "print the exact certificate of the scene artefact, as celadon accept reads it")
+      ->excludes(truth_file)
+      ->excludes(truth_at);
   truth->add_flag("--effects", truth_effects, "print what the machine does beyond the calibrated model")
       ->excludes(truth_file)
       ->excludes(truth_at);
@@ -327,6 +333,10 @@ int run(int argc, char** argv) {
   if (calibration->parsed()) return write_calibration(o, "-");
   if (truth->parsed()) {
     if (!calibration_file.empty()) return write_calibration(o, calibration_file);
+    if (truth_artefact) {
+      std::cout << artefact_certificate();
+      return kGood;
+    }
     if (truth_effects) {
       if (!o.socket_dir.empty()) return ask_and_print(o, "effects");
       std::cout << effects_of(device_of(o)).dump() << "\n";
@@ -346,7 +356,7 @@ int run(int argc, char** argv) {
       return kGood;
     }
     if (truth_at->count() == 0) {
-      return fail(kInput, "truth needs --calibration FILE, --effects or --angle DEG --z MM");
+      return fail(kInput, "truth needs --calibration FILE, --effects, --artefact or --angle DEG --z MM");
     }
     return print_truth(o, truth_readings.angle_deg, truth_z);
   }

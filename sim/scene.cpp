@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "sim/artefact.h"
 #include "sim/mesh_body.h"
 #include "sim/no_body.h"
 #include "sim/shapes.h"
@@ -53,6 +54,7 @@ tl::expected<Scene, std::string> Scene::make(const std::string& name, const Prin
   if (name == "taper") {
     return Scene(name, std::make_shared<TurnedBody>(std::vector<TurnedPoint>{{0, 30}, {100, 20}}), {});
   }
+  if (name == "artefact") return Scene(name, make_artefact(), {3.2, -2.1, 0.7});
   if (name == "empty") return Scene(name, std::make_shared<NoBody>(kPlatterRadius), {});
   if (name.starts_with(kMesh)) {
     auto body = MeshBody::read(name.substr(kMesh.size()));
@@ -67,7 +69,7 @@ tl::expected<Scene, std::string> Scene::make(const std::string& name, const Prin
   std::string known;
   for (const std::string& n : names()) known += n + ", ";
   return tl::unexpected("scene \"" + name + "\" is unknown; choose one of " + known +
-                        "empty, mesh:FILE, board:chessboard, board:tags");
+                        "artefact, empty, mesh:FILE, board:chessboard, board:tags");
 }
 
 Scene::Scene(std::string name, std::shared_ptr<const Body> body, const ObjectPose& pose)

@@ -68,7 +68,8 @@ class Scene {
   /// with or without a pose (BoardBody::make) and with these errors of its print. The error names them all, or says
   /// what is wrong.
   static tl::expected<Scene, std::string> make(const std::string& name, const PrintErrors& print = {});
-  static const std::vector<std::string>& names();  ///< objects; "empty", the bare platter, besides
+  /// Single-valued objects; besides "artefact", balls on a plate, and "empty", the bare platter.
+  static const std::vector<std::string>& names();
 
   Scene(std::string name, std::shared_ptr<const Body> body, const ObjectPose& pose);
   /// @pre squeeze_y > 0

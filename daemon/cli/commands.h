@@ -15,6 +15,7 @@ void add_watch_command(CLI::App& program, Run& run);
 void add_status_command(CLI::App& program, Run& run);
 void add_cancel_command(CLI::App& program, Run& run);
 void add_check_command(CLI::App& program, Run& run);
+void add_accept_command(CLI::App& program, Run& run);
 void add_fit_command(CLI::App& program, Run& run);
 void add_merge_command(CLI::App& program, Run& run);
 void add_line_command(CLI::App& program, Run& run);

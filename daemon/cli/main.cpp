@@ -35,6 +35,7 @@ int main(int argc, char** argv) {
   add_status_command(program, run);
   add_cancel_command(program, run);
   add_check_command(program, run);
+  add_accept_command(program, run);
   add_fit_command(program, run);
   add_merge_command(program, run);
   add_line_command(program, run);

@@ -15,7 +15,7 @@ using nlohmann::json;
 void add_scanner_options(CLI::App& command, std::string& server, std::string& scene, std::uint64_t& seed) {
   command.add_option("--simulate", scene, "start a virtual scanner with this scene and a daemon for it")
       ->check(CLI::IsMember({"vase", "vase-squeezed", "humidifier", "cylinder", "cylinder-off", "knob", "sphere",
-                             "stepped-shaft", "lobed-shaft", "taper"}) |
+                             "stepped-shaft", "lobed-shaft", "taper", "artefact"}) |
               CLI::Validator(
                   [](const std::string& text) {
                     return text.rfind("mesh:", 0) == 0 ? std::string() : "or mesh:FILE of an STL or PLY file";

@@ -97,9 +97,49 @@ std::string checks_lines(const json& list) {
          (unknown.empty() ? "" : "; not verifiable here: " + unknown) + "\n" + failed;
 }
 
+// What each of several lasers saw, and how well they agree.
+std::string laser_lines(const json& report) {
+  std::string text;
+  const json lasers = report.value("lasers", json::array());
+  if (lasers.size() > 1) {
+    for (const auto& share : lasers) {
+      char where[80] = "";
+      if (share.contains("elevation_deg")) {
+        std::snprintf(where, sizeof where, ", elevation %.2f degrees, lift %.2f mm",
+                      share["elevation_deg"].get<double>(), share["lift_mm"].get<double>());
+      }
+      text += line("  laser       %d: %.2f M samples in %d profiles%s", share["laser"].get<int>(),
+                   share["samples"].get<double>() / 1e6, share["profiles"].get<int>(), static_cast<const char*>(where));
+    }
+    if (report.contains("agreement_mm")) {
+      const auto& agreement = report["agreement_mm"];
+      text += "  agreement   laser " + agreement["lasers"][1].dump() + " minus laser " + agreement["lasers"][0].dump() +
+              ": " + length(agreement["bias"]) + " on average, standard error " + length(agreement["bias_sd"]) +
+              "; rms " + length(agreement["rms"]) + line(" in %d cells", agreement["cells"].get<int>());
+    }
+  }
+  return text;
+}
+
+// What follows in every report: checks and warnings.
+std::string closing_lines(const json& report) {
+  std::string text;
+  if (report.contains("checks")) text += checks_lines(report["checks"]);
+  for (const auto& warning : report["warnings"]) text += "  note        " + warning.get<std::string>() + "\n";
+  return text;
+}
+
+// A scan to which no surface was fitted.
+std::string samples_summary(const json& report) {
+  return line("  samples     %llu%s", static_cast<unsigned long long>(report["points"]),
+              report["simulated"].get<bool>() ? "  (simulated)" : "") +
+         laser_lines(report) + closing_lines(report);
+}
+
 }  // namespace
 
 std::string summary_of(const json& report) {
+  if (report.value("base", "") == "none") return samples_summary(report);
   std::string text;
   const auto& size = report["size_mm"];
   text += line("  size        %.2f x %.2f x %.2f mm%s", size[0].get<double>(), size[1].get<double>(),
@@ -168,24 +208,7 @@ std::string summary_of(const json& report) {
   text += line("  samples     %llu, of which %llu rejected and %.2f %% that no single-valued surface can follow",
                static_cast<unsigned long long>(report["points"]), static_cast<unsigned long long>(report["rejected"]),
                100.0 * report["unfollowable"].get<double>() / std::max(1.0, report["points"].get<double>()));
-  const json lasers = report.value("lasers", json::array());
-  if (lasers.size() > 1) {
-    for (const auto& share : lasers) {
-      char where[80] = "";
-      if (share.contains("elevation_deg")) {
-        std::snprintf(where, sizeof where, ", elevation %.2f degrees, lift %.2f mm",
-                      share["elevation_deg"].get<double>(), share["lift_mm"].get<double>());
-      }
-      text += line("  laser       %d: %.2f M samples in %d profiles%s", share["laser"].get<int>(),
-                   share["samples"].get<double>() / 1e6, share["profiles"].get<int>(), static_cast<const char*>(where));
-    }
-    if (report.contains("agreement_mm")) {
-      const auto& agreement = report["agreement_mm"];
-      text += "  agreement   laser " + agreement["lasers"][1].dump() + " minus laser " + agreement["lasers"][0].dump() +
-              ": " + length(agreement["bias"]) + " on average, standard error " + length(agreement["bias_sd"]) +
-              "; rms " + length(agreement["rms"]) + line(" in %d cells", agreement["cells"].get<int>());
-    }
-  }
+  text += laser_lines(report);
   text +=
       "  noise       " + length(report["noise_mm"]) + line(" (correlation factor %.2f)", report["kappa"].get<double>());
   text += "  fit error   " + errors(report["geometric_mm"]) + " (perpendicular)\n";
@@ -218,9 +241,7 @@ std::string summary_of(const json& report) {
     }
   }
   if (report.contains("dry_turn")) text += dry_turn_lines(report["dry_turn"]);
-  if (report.contains("checks")) text += checks_lines(report["checks"]);
-  for (const auto& warning : report["warnings"]) text += "  note        " + warning.get<std::string>() + "\n";
-  return text;
+  return text + closing_lines(report);
 }
 
 }  // namespace celadon::cli

@@ -83,6 +83,23 @@ std::string program_beside(const std::string& name) {
   return !error && fs::exists(beside, error) ? beside.string() : name;
 }
 
+tl::expected<std::string, std::string> output_of(const std::vector<std::string>& command) {
+  std::array<int, 2> pipe_ends{};
+  if (::pipe2(pipe_ends.data(), O_CLOEXEC) != 0) return tl::unexpected("no pipe: " + std::string(std::strerror(errno)));
+  const pid_t child = spawn(command, pipe_ends[1], "/dev/null");
+  ::close(pipe_ends[1]);
+  std::string out;
+  std::array<char, 4096> bytes;
+  for (ssize_t n = 0; child > 0 && (n = ::read(pipe_ends[0], bytes.data(), bytes.size())) > 0;) {
+    out.append(bytes.data(), static_cast<std::size_t>(n));
+  }
+  ::close(pipe_ends[0]);
+  int status = -1;
+  if (child > 0) ::waitpid(child, &status, 0);
+  if (child > 0 && status == 0) return out;
+  return tl::unexpected("'" + command[0] + "' cannot be run or failed; do both programs come from one build?");
+}
+
 ChildProcess::ChildProcess(ChildProcess&& other) noexcept
     : pid_(std::exchange(other.pid_, -1)), output_fd_(std::exchange(other.output_fd_, -1)) {}
 ChildProcess& ChildProcess::operator=(ChildProcess&& other) noexcept {

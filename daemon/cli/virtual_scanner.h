@@ -58,4 +58,7 @@ class VirtualScanner {
 /// Path of a program beside the running one, else its bare name for the search path.
 std::string program_beside(const std::string& name);
 
+/// What a program that ends by itself writes on its standard output. Errors: one sentence.
+tl::expected<std::string, std::string> output_of(const std::vector<std::string>& command);
+
 }  // namespace celadon::cli

@@ -7,6 +7,8 @@
 
 #include <algorithm>
 
+#include <nlohmann/json.hpp>
+
 #include "daemon/profile_log.h"
 #include "tests/daemon/fake_machine.h"
 #include "tests/temporary_folder.h"
@@ -45,13 +47,15 @@ struct Outcome {
   ScanProgress progress;
 };
 
-Outcome scan(FakeMachine& machine, const TemporaryFolder& folder, ScanMode mode, int cancel_at) {
+Outcome scan(FakeMachine& machine, const TemporaryFolder& folder, ScanMode mode, int cancel_at,
+             const std::string& shape = "cylinder") {
   const Calibration calibration = machine.calibration();
   auto connection = machine.connect(calibration);
   EXPECT_TRUE(connection) << connection.error().message;
   ScanTask task;
   task.request.profiles = 16;
   task.request.mode = mode;
+  task.request.shape = shape;
   task.request.formats = {"surface.json"};
   task.date = "2026-01-02T03:04:05Z";
   task.log_file = folder / "profiles.log";
@@ -84,6 +88,27 @@ RC_GTEST_PROP(ScanJob, CancelledAtAnyInstantItIsSafeAndKeepsItsLog, ()) {
   }
   RC_ASSERT((*log)->error().empty());
   RC_ASSERT((*log)->torn_bytes() == 0u);
+}
+
+// Without a surface the log itself is the result, and the report says so.
+TEST(ScanJob, SamplesAreAResult) {
+  FakeMachine machine;
+  const TemporaryFolder folder;
+  const Outcome outcome = scan(machine, folder, ScanMode::step, 1'000'000, "none");
+  ASSERT_TRUE(outcome.scan) << outcome.scan.error().reason;
+  EXPECT_EQ(machine.lasers(), 0);
+  EXPECT_EQ(outcome.scan->files, (std::vector<std::string>{"profiles.log", "report.json"}));
+  EXPECT_EQ(testing::read_file(folder / "results" / "profiles.log"), testing::read_file(folder / "profiles.log"));
+  auto log = ProfileLogReader::open(folder / "results" / "profiles.log");
+  ASSERT_TRUE(log);
+  std::size_t samples = 0;
+  while (const Profile* profile = (*log)->next()) samples += profile->size();
+  EXPECT_EQ((*log)->header().request.shape, "none");
+  const auto report = nlohmann::json::parse(testing::read_file(folder / "results" / "report.json"));
+  EXPECT_EQ(report["base"], "none");
+  EXPECT_EQ(report["points"], samples);
+  EXPECT_FALSE(report.contains("model"));
+  EXPECT_NE(report["warnings"].dump().find("No surface was fitted"), std::string::npos);
 }
 
 TEST(ScanJob, HomingIsCutShort) {

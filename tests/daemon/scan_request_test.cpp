@@ -125,6 +125,8 @@ TEST(ScanRequestJson, NamesWhatIsWrong) {
       {R"({"lasers": [4]})", "lasers is 4"},
       {R"({"lasers": [-1]})", "lasers is -1"},
       {R"({"lasers": ["0"]})", "lasers is \"0\""},
+      {R"({"shape": "ball"})", "shape is \"ball\"; give one of cylinder, sphere, composite, auto, none"},
+      {R"({"shape": "none", "dry_turn": true})", "dry_turn foretells a surface"},
       {R"({"model": "sphere"})", "model is \"sphere\""},
       {R"({"tolerance_mm": true})", "tolerance_mm is true"},
       {R"({"form_tolerance_mm": -0.1})", "form_tolerance_mm is -0.1"},
