@@ -13,12 +13,12 @@
 namespace celadon {
 namespace {
 
-constexpr double kTurn_rad = 2 * std::numbers::pi;
+constexpr double kWholeTurn_rad = 2 * std::numbers::pi;
 constexpr int kNoisePictures = 8;
 constexpr int kBandsPerPoll = 8;            // so long the machine is not looked after
 constexpr std::size_t kFewestSamples = 20;  // of a pair, before a scan is worth its time
 constexpr double kManySaturated = 0.02;     // of the picture
-constexpr auto kProgressInterval = std::chrono::milliseconds(100);
+constexpr auto kTellInterval = std::chrono::milliseconds(100);
 
 tl::unexpected<ScanStop> stereo_failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
@@ -51,10 +51,10 @@ StereoCapture::StereoCapture(const ScanEquipment& equipment, const ScanRequest& 
     : equipment_(equipment),
       request_(request),
       feed_(feed),
-      pitch_rad_(kTurn_rad / request.profiles / equipment.calibration.encoder_scale.value),
-      apart_(std::max(1, static_cast<int>(std::lround(kPairTurn_rad * request.profiles / kTurn_rad)))),
+      pitch_rad_(kWholeTurn_rad / request.profiles / equipment.calibration.encoder_scale.value),
+      apart_(std::max(1, static_cast<int>(std::lround(kPairTurn_rad * request.profiles / kWholeTurn_rad)))),
       sigma_rad_(equipment.device->capabilities().encoder_resolution_rad / std::sqrt(12.)) {
-  share_.pair_rad = apart_ * kTurn_rad / request.profiles;
+  share_.pair_rad = apart_ * kWholeTurn_rad / request.profiles;
 }
 
 tl::expected<StereoCapture::Picture, ScanStop> StereoCapture::picture_after(std::int64_t instant_ns) {
@@ -163,7 +163,7 @@ tl::expected<CaptureResult, ScanStop> StereoCapture::turn(const CaptureTools& to
   auto last_report = start;
   const auto report = [&](int done, std::uint32_t profiles) {
     const auto now = std::chrono::steady_clock::now();
-    if (done < pictures && now - last_report < kProgressInterval) return;
+    if (done < pictures && now - last_report < kTellInterval) return;
     last_report = now;
     const double elapsed_s = std::chrono::duration<double>(now - start).count();
     const FrameFeed::Counts& c = feed_.counts();
@@ -186,7 +186,8 @@ tl::expected<CaptureResult, ScanStop> StereoCapture::turn(const CaptureTools& to
     auto picture = picture_at(base + (k + 1) * pitch_rad_);
     if (!picture) return tl::make_unexpected(picture.error());
     tools.datum.see(
-        picture->bytes, [angle = picture->encoder_rad](double) { return angle; }, k * kTurn_rad / request_.profiles, 0);
+        picture->bytes, [angle = picture->encoder_rad](double) { return angle; },
+        k * kWholeTurn_rad / request_.profiles, 0);
     kept.push_back(std::move(*picture));
     if (k < apart_) continue;
     const Picture &first = kept.front(), &second = kept.back();

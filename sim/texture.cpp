@@ -13,7 +13,7 @@ namespace {
 constexpr std::uint64_t kTexturePurpose = 31;
 constexpr int kSide = 64;  // of the lattice
 constexpr double kFinest_mm = 1.2;
-constexpr double kMean = 0.6, kDepth = 0.55;
+constexpr double kMean = 0.6, kTextureDepth = 0.55;
 
 std::size_t lattice_at(int x, int y, int z) {
   constexpr int kMask = kSide - 1;
@@ -58,7 +58,7 @@ double Texture::albedo(const Eigen::Vector3d& p_O) const {
   for (std::size_t k = 0; k < kOctaves; ++k, scale *= 0.5) {
     sum += static_cast<double>(noise(scale * (turn_[k] * p_O) + shift_[k]));
   }
-  return std::clamp(kMean + kDepth * sum / kOctaves * 2, 0.2, 1.);
+  return std::clamp(kMean + kTextureDepth * sum / kOctaves * 2, 0.2, 1.);
 }
 
 }  // namespace celadon::sim

@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr int kCell = 4;               // pixels: what is thinner may be missed
+constexpr int kTextureCell = 4;        // pixels: what is thinner may be missed
 constexpr double kSmoothDepth = 0.01;  // of the depth, over a cell: no fold of the surface lies within
 
 /// Rays and what they meet at the corners of one cell, the upper two first.
@@ -67,18 +67,19 @@ Patch TexturePainter::patch_of(const Scene& scene, const VirtualCamera& camera, 
 
 void TexturePainter::paint(const Scene& scene, const VirtualCamera& camera, const TablePose& pose,
                            const std::function<double(const Hit&)>& brightness, std::vector<float>& levels) {
-  const int columns = (width_ + kCell - 1) / kCell + 1, rows = (height_ + kCell - 1) / kCell + 1;
+  const int columns = (width_ + kTextureCell - 1) / kTextureCell + 1,
+            rows = (height_ + kTextureCell - 1) / kTextureCell + 1;
   if (rays_H_.empty()) {
     for (int j = 0; j < rows; ++j) {
-      for (int i = 0; i < columns; ++i) rays_H_.push_back(camera.ray_W(i * kCell, j * kCell));
+      for (int i = 0; i < columns; ++i) rays_H_.push_back(camera.ray_W(i * kTextureCell, j * kTextureCell));
     }
   }
   Patch patch = patch_of(scene, camera, pose);
-  patch.x0 -= patch.x0 % kCell;
-  patch.y0 -= patch.y0 % kCell;
+  patch.x0 -= patch.x0 % kTextureCell;
+  patch.y0 -= patch.y0 % kTextureCell;
   if (patch.empty()) return;
-  const int i0 = patch.x0 / kCell, j0 = patch.y0 / kCell;
-  const int i1 = (patch.x1 + kCell - 1) / kCell, j1 = (patch.y1 + kCell - 1) / kCell;
+  const int i0 = patch.x0 / kTextureCell, j0 = patch.y0 / kTextureCell;
+  const int i1 = (patch.x1 + kTextureCell - 1) / kTextureCell, j1 = (patch.y1 + kTextureCell - 1) / kTextureCell;
   const Vector3d centre_T = pose.to_table(camera.centre_W());
   const auto wide = static_cast<std::size_t>(i1 - i0 + 1);
   std::vector<Vector3d> rays_T;
@@ -94,12 +95,14 @@ void TexturePainter::paint(const Scene& scene, const VirtualCamera& camera, cons
     const float* const plain = &levels[static_cast<std::size_t>(y * width_)];
     float* const out = &seen_[static_cast<std::size_t>((y - patch.y0) * patch.width())];
     for (int x = patch.x0; x < patch.x1; ++x) {
-      const std::size_t at = static_cast<std::size_t>(y / kCell - j0) * wide + static_cast<std::size_t>(x / kCell - i0);
+      const std::size_t at =
+          static_cast<std::size_t>(y / kTextureCell - j0) * wide + static_cast<std::size_t>(x / kTextureCell - i0);
       const Cell cell{{&rays_T[at], &rays_T[at + 1], &rays_T[at + wide], &rays_T[at + wide + 1]},
                       {&hits[at], &hits[at + 1], &hits[at + wide], &hits[at + wide + 1]}};
       out[x - patch.x0] = plain[x];
       if (cell.without_object()) continue;
-      const double u = static_cast<double>(x % kCell) / kCell, v = static_cast<double>(y % kCell) / kCell;
+      const double u = static_cast<double>(x % kTextureCell) / kTextureCell,
+                   v = static_cast<double>(y % kTextureCell) / kTextureCell;
       const Ray ray{centre_T, cell.ray(u, v)};
       std::optional<Hit> hit;
       if (cell.smooth()) hit = scene.refine(ray, cell.t(u, v), (*cell.hit[0])->facet);

@@ -10,9 +10,9 @@
 namespace celadon::calibrate {
 namespace {
 
-constexpr int kFewestCorners = 8;   // of a frame that counts, as of a view at rest
+constexpr int kFewestInFrame = 8;   // of a frame that counts, as of a view at rest
 constexpr int kFewestViews = 3;     // of a sweep
-constexpr int kRounds = 6;          // of Gauss and Newton; corners that are off are left out after the first three
+constexpr int kPassRounds = 6;      // of Gauss and Newton; corners that are off are left out after the first three
 constexpr double kOff_sigma = 5.5;  // as with views at rest
 constexpr double kOtherExposure = 1.5;
 
@@ -65,7 +65,7 @@ std::optional<SweepAngles> angles_of(const BoardSweep& sweep, const Placement& p
   std::vector<PassingCorner> corners;
   int views = 0;
   for (const MovingView& view : sweep.views) {
-    if (view.corners.size() < kFewestCorners || view.at_stamp.speed_rad_per_s == 0) continue;
+    if (view.corners.size() < kFewestInFrame || view.at_stamp.speed_rad_per_s == 0) continue;
     ++views;
     out.speed_rad_per_s += view.at_stamp.speed_rad_per_s;
     out.exposure_ns += static_cast<double>(view.exposure_ns);
@@ -83,7 +83,7 @@ std::optional<SweepAngles> angles_of(const BoardSweep& sweep, const Placement& p
   out.exposure_ns /= views;
   out.row /= static_cast<double>(corners.size());
 
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kPassRounds; ++round) {
     Eigen::Matrix2d N = Eigen::Matrix2d::Zero();
     Eigen::Vector2d b = Eigen::Vector2d::Zero();
     std::vector<double> squares;  // a corner's, in standard deviations
@@ -108,7 +108,7 @@ std::optional<SweepAngles> angles_of(const BoardSweep& sweep, const Placement& p
     std::nth_element(sorted.begin(), middle, sorted.end());
     // Of two squared standard normal numbers the middle sum is 2 log 2.
     const double variance = std::max(1.0, *middle / (2 * std::log(2.0)));
-    if (round >= kRounds / 2) {
+    if (round >= kPassRounds / 2) {
       for (std::size_t i = 0; i < corners.size(); ++i) {
         corners[i].used = squares[i] < kOff_sigma * kOff_sigma * variance;
       }

@@ -12,7 +12,7 @@ namespace {
 /// At 36 degrees per second 0.3 ms are 0.01 degrees: 0.01 mm at a radius of 60 mm.
 constexpr double kGood_ms = 0.3;
 constexpr double kGoodBacklash_deg = 0.1;
-constexpr double kInDegrees = 180 / std::numbers::pi;
+constexpr double kToDegrees = 180 / std::numbers::pi;
 
 std::string plus_minus(const Measured& value, double factor) {
   return figure(value.value * factor) + " +- " + figure(value.u * factor);
@@ -43,8 +43,8 @@ CalibrationStep judge_time(const std::optional<TimeEstimate>& time, int height_p
             more);
   const Measured& play = time->backlash_rad;
   if (play.u > 0) {
-    judge.say(verdict(std::abs(play.value) * kInDegrees <= kGoodBacklash_deg),
-              "backlash " + plus_minus({std::abs(play.value), play.u}, kInDegrees) + " degrees (good to " +
+    judge.say(verdict(std::abs(play.value) * kToDegrees <= kGoodBacklash_deg),
+              "backlash " + plus_minus({std::abs(play.value), play.u}, kToDegrees) + " degrees (good to " +
                   figure(kGoodBacklash_deg) + ")",
               "have the table's gear seen to; scans turn one way only and do not feel it");
   }

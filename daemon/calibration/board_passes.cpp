@@ -18,7 +18,7 @@ constexpr int kFramesAtRest = 20;       // after which the table has stopped sho
 constexpr int kFramesToRest = 5'000;
 constexpr double kSpeedMayDiffer = 0.02;  // from what was ordered: the run-up is no part of a pass
 constexpr double kNarrowest_rad = 0.05;   // half of a way that is worth a pass
-constexpr std::int64_t kExposureSettles_ns = 200'000'000;
+constexpr std::int64_t kShorterSettles_ns = 200'000'000;
 
 struct Taken {
   FrameInfo info;
@@ -127,7 +127,7 @@ tl::expected<std::vector<BoardSweep>, ScanStop> take_passes(const PassTools& too
     return sweeps;
   }
   const auto settled = [&]() -> tl::expected<void, ScanStop> {
-    auto frame = tools.feed.next_after(tools.equipment.clock.now_ns() + kExposureSettles_ns);
+    auto frame = tools.feed.next_after(tools.equipment.clock.now_ns() + kShorterSettles_ns);
     if (!frame) return Stop(frame.error());
     return {};
   };

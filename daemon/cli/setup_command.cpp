@@ -32,7 +32,7 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Exit codes.
-enum Ending { kNotFit = 1, kWrongInput = 2, kNotWritten = 4, kStopped = 130 };
+enum SetupEnding { kNotFit = 1, kNoAnswer = 2, kNotKept = 4, kInterrupted = 130 };
 
 constexpr double kTurn_rad = 30 * std::numbers::pi / 180;
 
@@ -60,9 +60,9 @@ std::string answer_to(const std::string& question) {
   while (true) {
     char c = 0;
     const ssize_t count = ::read(STDIN_FILENO, &c, 1);
-    if (g_stopped) throw Ended{kStopped};
+    if (g_stopped) throw Ended{kInterrupted};
     if (count < 0 && errno == EINTR) continue;
-    if (count <= 0) throw Ended{fail(kWrongInput, "the answers have ended before the questions; run it in a terminal")};
+    if (count <= 0) throw Ended{fail(kNoAnswer, "the answers have ended before the questions; run it in a terminal")};
     if (c == '\n') break;
     if (std::isspace(static_cast<unsigned char>(c)) == 0 || !line.empty()) line += c;
   }
@@ -102,8 +102,8 @@ int run_celadon(const std::vector<std::string>& words) {
   }
   int status = -1;
   while (child > 0 && ::waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
-  if (g_stopped) throw Ended{kStopped};
-  return child > 0 && WIFEXITED(status) ? WEXITSTATUS(status) : kNotWritten;
+  if (g_stopped) throw Ended{kInterrupted};
+  return child > 0 && WIFEXITED(status) ? WEXITSTATUS(status) : kNotKept;
 }
 
 class Observer final : public ScanObserver {
@@ -123,7 +123,7 @@ auto until_it_works(Try attempt) {
   while (true) {
     auto result = attempt();
     if (result) return std::move(*result);
-    if (g_stopped) throw Ended{kStopped};
+    if (g_stopped) throw Ended{kInterrupted};
     say("  " + result.error());
     if (!yes("Try again?")) throw Ended{kNotFit};
   }
@@ -237,7 +237,7 @@ bool keeps_calibration(const fs::path& file) {
   const fs::path before = file.string() + ".before";
   std::error_code error;
   fs::rename(file, before, error);
-  if (error) throw Ended{fail(kNotWritten, file.string() + " cannot be renamed: " + error.message())};
+  if (error) throw Ended{fail(kNotKept, file.string() + " cannot be renamed: " + error.message())};
   say("  The old one is now " + before.string() + ".");
   return false;
 }
@@ -274,8 +274,7 @@ fs::path write_config(const Machine& machine, const fs::path& folder) {
   const std::string text = "device = " + quoted(machine.device) + "\ncamera = " + quoted(machine.camera) +
                            "\ncalibration = " + quoted((folder / "scanner.toml").string()) +
                            "\nstore = " + quoted((folder / "store").string()) + "\n";
-  if (auto written = write_file_atomically(file, text); !written)
-    throw Ended{fail(kNotWritten, written.error().message)};
+  if (auto written = write_file_atomically(file, text); !written) throw Ended{fail(kNotKept, written.error().message)};
   return file;
 }
 
@@ -303,7 +302,7 @@ void scan(const fs::path& config, const fs::path& folder) {
 int set_up(const SetupArguments& a) {
   std::error_code error;
   fs::create_directories(a.folder, error);
-  if (error) return fail(kNotWritten, "the folder " + a.folder + " cannot be made: " + error.message());
+  if (error) return fail(kNotKept, "the folder " + a.folder + " cannot be made: " + error.message());
   const fs::path folder = fs::absolute(a.folder, error);
   struct sigaction stop {};
   stop.sa_handler = [](int) { g_stopped = true; };  // without SA_RESTART: a question is left at once
