@@ -22,8 +22,9 @@ struct CalibrationStep {
 };
 
 struct CalibrationSolution {
-  /// Identity, date and `simulated` are the caller's; the time model is the assumed one unless sweeps show it. systematic_mm: standard uncertainty of a radius that
-  /// the parameters' joint covariance gives, the largest within the volume that the board filled, scale's included.
+  /// Identity, date and `simulated` are the caller's; the time model is the assumed one unless sweeps show it.
+  /// systematic_mm: standard uncertainty of a radius that the parameters' joint covariance gives, the largest within
+  /// the volume that the board filled, scale's included.
   Calibration calibration;
   std::vector<CalibrationStep> steps;
   Verdict verdict = Verdict::refused;  ///< the worst of the steps

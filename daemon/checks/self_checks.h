@@ -26,9 +26,9 @@ struct CheckedScan {
   std::optional<JitterResult> jitter{};       ///< of the profiles of all turns; nullopt: too few
 };
 
-/// Closure, angle of a turn, harmonics, steadiness, jitter, and what lasers and stops differ by, in this order. Limits are four
-/// standard uncertainties of the check itself and, added in squares, twice what the calibration says that it does not
-/// know.
+/// Closure, angle of a turn, harmonics, steadiness, jitter, and what lasers and stops differ by, in this order. Limits
+/// are four standard uncertainties of the check itself and, added in squares, twice what the calibration says that it
+/// does not know.
 std::vector<SelfCheck> self_checks(const CheckedScan& scan);
 
 /// The beginning and the end of the turn in the log of a whole scan, compared; of several turns, with lasers or at
