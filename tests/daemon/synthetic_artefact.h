@@ -37,7 +37,7 @@ inline Artefact random_artefact(Random& random, int balls = 3) {
     }
   }
   CertifiedFlat flat;
-  const double around = first - 0.6 * std::numbers::pi / (balls + 1);
+  const double around = first - 1.7 * std::numbers::pi / (balls + 1);  // between the last ball and the first
   flat.normal = {std::cos(around), std::sin(around), 0};
   flat.centre_mm = 45 * flat.normal + Eigen::Vector3d(0, 0, 30);
   flat.width_mm = 24;
