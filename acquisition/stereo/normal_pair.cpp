@@ -123,9 +123,12 @@ StereoPoint NormalPair::point(double x_px, double y_px, double disparity_px) con
 }
 
 DisparityRange NormalPair::range_to(double reach_mm) const {
-  const double fb = f_px_ * baseline_mm_, reach = reach_mm / scale_;
+  const double fb = f_px_ * baseline_mm_;
+  // A camera that looks downwards sees what is low further away.
+  const double upright = 0.5 * std::max(width_px_, height_px_) * axis_mm_ / f_px_ * std::abs(R_MN_(2, 2));
+  const double reach = reach_mm / scale_ * R_MN_.col(2).head<2>().norm();
   // Never so near to the camera that a search would have no end.
-  const double near = std::max(axis_mm_ - reach, 0.4 * axis_mm_), far = axis_mm_ + 0.5 * reach;
+  const double near = std::max(axis_mm_ - reach - upright, 0.4 * axis_mm_), far = axis_mm_ + 0.5 * reach + upright;
   const double a = fb / near - fb / axis_mm_, b = fb / far - fb / axis_mm_;
   return {static_cast<int>(std::floor(std::min(a, b))), static_cast<int>(std::ceil(std::max(a, b)))};
 }

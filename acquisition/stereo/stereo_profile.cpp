@@ -7,6 +7,9 @@
 namespace celadon {
 namespace {
 
+/// What moves by less in the camera's picture does not turn with the table: a point 3 mm beside the axis moves by more.
+constexpr double kStanding_px = 1.5;
+
 /// A change of x and y and z as one of (r, theta, z).
 Eigen::Vector3d native(const Eigen::Vector3d& p, const Eigen::Vector3d& change) {
   const double rr = p.head<2>().squaredNorm();
@@ -56,6 +59,12 @@ MatchCounts StereoPair::fill(Profile& profile) const {
   profile.order = ProfileOrder::scattered;
   profile.table_angle_rad = geometry_.middle_rad();
   for (const WindowMatch& match : matches_) {
+    const Eigen::Vector2d first = geometry_.pixel(0, match.x_px, match.y_px),
+                          second = geometry_.pixel(1, match.x_px - match.disparity_px, match.y_px);
+    if ((first - second).norm() < kStanding_px) {
+      ++counts.standing;
+      continue;
+    }
     const StereoPoint point = geometry_.point(match.x_px, match.y_px, match.disparity_px);
     const Eigen::Vector3d& p = point.p_mm;
     const double r = p.head<2>().norm();

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 namespace celadon {
 namespace {
@@ -26,12 +27,81 @@ constexpr int kShape = 5, kUnknowns = 2 + kShape;
 using Unknowns = Eigen::Matrix<double, kUnknowns, 1>;
 using Shape = Eigen::Matrix<double, kShape, 1>;
 
+// Both pictures are smoothed by a Gaussian of 1 px: noise between pixels then varies as little as noise on them. Else
+// it would draw matches to places half way between pixels, where interpolation averages it.
+constexpr int kReach = 3;
+constexpr std::array<float, 2 * kReach + 1> kTaps = {0.00443F, 0.05400F, 0.24204F, 0.39906F,
+                                                     0.24204F, 0.05400F, 0.00443F};
+
+/// Sums of squares: of the smoothing along one direction, and of half the difference of its two neighbours.
+constexpr float power_of_smoothing() {
+  float sum = 0;
+  for (const float tap : kTaps) sum += tap * tap;
+  return sum;
+}
+constexpr float power_of_slope() {
+  constexpr int kCount = static_cast<int>(kTaps.size());
+  const auto tap = [](int k) { return k < 0 || k >= kCount ? 0 : kTaps[static_cast<std::size_t>(k)]; };
+  float sum = 0;
+  for (int k = -1; k <= kCount; ++k) sum += 0.25F * (tap(k + 1) - tap(k - 1)) * (tap(k + 1) - tap(k - 1));
+  return sum;
+}
+
+/// Levels that are unknown, and the border, make those within their reach unknown.
+LevelPicture smoothed(const LevelPicture& in) {
+  constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
+  const int wide = in.width_px, high = in.height_px;
+  LevelPicture lines{wide, high, std::vector<float>(in.level.size(), kUnknown)}, out = lines;
+  const auto at = [wide](int x, int y) {
+    return static_cast<std::size_t>(y) * static_cast<std::size_t>(wide) + static_cast<std::size_t>(x);
+  };
+  for (int y = 0; y < high; ++y) {
+    for (int x = kReach; x < wide - kReach; ++x) {
+      float sum = 0;
+      for (int k = -kReach; k <= kReach; ++k)
+        sum += kTaps[static_cast<std::size_t>(k + kReach)] * in.level[at(x + k, y)];
+      lines.level[at(x, y)] = sum;
+    }
+  }
+  for (int y = kReach; y < high - kReach; ++y) {
+    for (int x = 0; x < wide; ++x) {
+      float sum = 0;
+      for (int k = -kReach; k <= kReach; ++k)
+        sum += kTaps[static_cast<std::size_t>(k + kReach)] * lines.level[at(x, y + k)];
+      out.level[at(x, y)] = sum;
+    }
+  }
+  return out;
+}
+
+constexpr int kSpread = kWidth + 2 * kReach;
+using Columns = Eigen::Matrix<double, kPixels, kUnknowns>;
+/// What each pixel before the smoothing does to the columns' sums: the smoothing's transpose, row by row, wider by its
+/// reach on all sides.
+Eigen::Matrix<double, kSpread * kSpread, kUnknowns> spread(const Columns& A) {
+  Eigen::Matrix<double, kWidth * kSpread, kUnknowns> lines = Eigen::Matrix<double, kWidth * kSpread, kUnknowns>::Zero();
+  Eigen::Matrix<double, kSpread * kSpread, kUnknowns> out = Eigen::Matrix<double, kSpread * kSpread, kUnknowns>::Zero();
+  for (int k = 0; k < static_cast<int>(kTaps.size()); ++k) {
+    const double tap = kTaps[static_cast<std::size_t>(k)];
+    for (int j = 0; j < kWidth; ++j)
+      lines.middleRows<kWidth>(j * kSpread + k) += tap * A.middleRows<kWidth>(j * kWidth);
+  }
+  for (int k = 0; k < static_cast<int>(kTaps.size()); ++k) {
+    out.middleRows<kWidth * kSpread>(k * kSpread) += static_cast<double>(kTaps[static_cast<std::size_t>(k)]) * lines;
+  }
+  return out;
+}
+
 Shape shape_at(int i, int j) {
   const double x = static_cast<double>(i) / kHalf, y = static_cast<double>(j) / kHalf;
   return (Shape() << 1, x, y, x * x, y * y).finished();
 }
 
 }  // namespace
+
+WindowMatcher::WindowMatcher(const LevelPicture& first, const LevelPicture& second, const PictureNoise& noise,
+                             const DisparityRange& range)
+    : first_(smoothed(first)), second_(smoothed(second)), noise_(noise), range_(range) {}
 
 int WindowMatcher::bands() const {
   return std::max(0, (first_.height_px - kWidth) / kPitch + 1);
@@ -91,7 +161,8 @@ std::optional<WindowMatcher::Fate> WindowMatcher::unfit(int x, int y) const {
   }
   if (std::isnan(slopes)) return Fate::unknown;
   const double variance = noise_.variance(sum / static_cast<float>((kWidth - 2) * kWidth));
-  const double of_texture = slopes - 0.5 * variance * (kWidth - 2) * kWidth;
+  constexpr double kSlopePower = power_of_smoothing() * power_of_slope() * (kWidth - 2) * kWidth;
+  const double of_texture = slopes - kSlopePower * variance;
   if (!(of_texture * kMostSigma_px * kMostSigma_px > 2 * variance)) return Fate::plain;
   return std::nullopt;
 }
@@ -104,7 +175,8 @@ WindowMatcher::Best WindowMatcher::search(const LevelPicture& from, const LevelP
   const int lowest = side > 0 ? x - range_.highest : x + range_.lowest,
             highest = side > 0 ? x - range_.lowest : x + range_.highest;
   const int begin = std::max(lowest, kSearchHalf), end = std::min(highest, to.width_px - 1 - kSearchHalf);
-  if (begin > end || x < kSearchHalf || x + kSearchHalf >= from.width_px) return best;
+  // Where the picture's border leaves less than half of the places, nothing tells that the best is the only one.
+  if (2 * (end - begin) < highest - lowest || x < kSearchHalf || x + kSearchHalf >= from.width_px) return best;
   const auto places = static_cast<std::size_t>(end - begin + 1);
 
   std::array<float, kSearchWidth * kSearchWidth> window;
@@ -171,7 +243,7 @@ WindowMatcher::Best WindowMatcher::search(const LevelPicture& from, const LevelP
 WindowMatcher::Fate WindowMatcher::refine(int x, int y, int start, WindowMatch& match) const {
   Shape disparity = Shape::Zero();
   disparity[0] = start;
-  Eigen::Matrix<double, kPixels, kUnknowns> A;
+  Columns A;
   Eigen::Matrix<double, kPixels, 1> u;
   double level = 0;
   for (int j = -kHalf, k = 0; j <= kHalf; ++j) {
@@ -215,9 +287,14 @@ WindowMatcher::Fate WindowMatcher::refine(int x, int y, int start, WindowMatch& 
   if (!(std::abs(disparity[1]) <= kSteepest * kHalf && std::abs(disparity[2]) <= kSteepest * kHalf))
     return Fate::misfit;
   const double noise = noise_.variance(level) + gain * gain * noise_.variance((level - found[0]) / gain);
-  match.misfit = (u - A * found).squaredNorm() / ((kPixels - kUnknowns) * noise);
-  if (!(match.misfit <= kMostMisfit)) return Fate::misfit;
-  const double curvature = normal.solve(Unknowns::Unit(2))[2];
+  // Noise came before the smoothing: unknowns of covariance N^-1 B N^-1, residuals of n power^2 - tr(N^-1 B) variances.
+  const auto B = spread(A);
+  const Eigen::Matrix<double, kUnknowns, kUnknowns> of_noise = B.transpose() * B;
+  constexpr double kPower = power_of_smoothing() * power_of_smoothing();
+  match.misfit = (u - A * found).squaredNorm() / ((kPixels * kPower - normal.solve(of_noise).trace()) * noise);
+  if (!(match.misfit >= 0 && match.misfit <= kMostMisfit)) return Fate::misfit;
+  const Unknowns disparity_row = normal.solve(Unknowns::Unit(2));
+  const double curvature = disparity_row.dot(of_noise * disparity_row);
   match.x_px = x;
   match.y_px = y;
   match.disparity_px = disparity[0];

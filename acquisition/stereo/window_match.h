@@ -29,10 +29,10 @@ class WindowMatcher {
   static constexpr int kHalf = 10, kPitch = 15;
   static constexpr double kMostSigma_px = 0.1;
 
-  /// Borrows both pictures. @pre of one size
+  /// @param noise  of a level, independent from pixel to pixel
+  /// @pre both pictures are of one size
   WindowMatcher(const LevelPicture& first, const LevelPicture& second, const PictureNoise& noise,
-                const DisparityRange& range)
-      : first_(first), second_(second), noise_(noise), range_(range) {}
+                const DisparityRange& range);
 
   /// Rows of windows: so much can be done without looking up.
   int bands() const;
@@ -49,7 +49,7 @@ class WindowMatcher {
   Best search(const LevelPicture& from, const LevelPicture& to, int side, int x, int y) const;
   Fate refine(int x, int y, int start, WindowMatch& match) const;
 
-  const LevelPicture &first_, &second_;
+  LevelPicture first_, second_;  ///< smoothed
   const PictureNoise noise_;
   const DisparityRange range_;
 };

@@ -31,19 +31,18 @@ TEST(StereoCalibrationShare, RaysMeetInThePoint) {
   }
 }
 
-TEST(StereoCalibrationShare, AnAxisThatMayLieBesideMovesTheRadius) {
+// The baseline comes from the camera's distance d to the axis: an axis that lies nearer by u makes everything smaller
+// by 1 - u / d.
+TEST(StereoCalibrationShare, TheAxisDistanceIsTheScale) {
   Calibration c = test_calibration();
-  c.direction = 1;
-  c.encoder_scale = {1, 0};
+  constexpr double kDistance_mm = 300, kU_mm = 0.02;
+  c.axis.X_CW = looking_at({kDistance_mm, 0, 60}, {0, 0, 60});
   c.scale = {1, 0};
-  // In the scanner's frame the axis moves by u along x, the point by u against it: its radius by u cos.
-  const double u = 0.02;
   c.covariance = CalibrationCovariance{{"axis.x_mm", "laser0.offset_mm"}, Eigen::Matrix2d::Identity()};
-  c.covariance->matrix << u * u, 0, 0, 1;
+  c.covariance->matrix << kU_mm * kU_mm, 0, 0, 1;
   for (const double azimuth : {0., 0.5, 1.}) {
     const Vector3d p(30 * std::cos(azimuth), 30 * std::sin(azimuth), 50);
-    EXPECT_NEAR(radius_uncertainty_mm(seen(c, p, -0.07, 0.07), c), u * std::abs(std::cos(azimuth)), 0.02 * u)
-        << azimuth;
+    EXPECT_NEAR(radius_uncertainty_mm(seen(c, p, -0.07, 0.07), c), kU_mm * 30 / kDistance_mm, 1e-7) << azimuth;
   }
 }
 
