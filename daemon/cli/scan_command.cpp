@@ -156,10 +156,9 @@ void add_scan_command(CLI::App& program, Run& run) {
       ->delimiter(',')
       ->check(finite());
   command
-      ->add_option(
-          "--shape", a->shape,
-          "base geometry: cylinder, sphere, composite (walls with shoulders, heads), auto: what the samples "
-          "ask for, or none: no surface, the samples are the result (profiles.log)")
+      ->add_option("--shape", a->shape,
+                   "base geometry: cylinder, sphere, composite (walls with shoulders, heads), auto: what the samples "
+                   "ask for, or none: no surface, the samples are the result (profiles.log)")
       ->check(CLI::IsMember({"cylinder", "sphere", "composite", "auto", "none"}));
   command->add_option("--model", a->model, "how general the surface is")
       ->check(CLI::IsMember({"auto", "cylinder", "revolution", "translational", "general"}));
