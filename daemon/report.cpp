@@ -185,17 +185,12 @@ void put_notes(Json& json, const std::vector<std::string>& warnings_of_fit, cons
   }
   if (notes.stereo) {
     const StereoShare& s = *notes.stereo;
-    json["stereo"] = {{"pair_rad", s.pair_rad},
-                      {"pairs", s.pairs},
-                      {"windows", s.counts.windows},
-                      {"found", s.counts.found},
-                      {"outside", s.counts.outside},
-                      {"unknown", s.counts.unknown},
-                      {"plain", s.counts.plain},
-                      {"ambiguous", s.counts.ambiguous},
-                      {"inconsistent", s.counts.inconsistent},
-                      {"misfit", s.counts.misfit},
-                      {"calibration_mm", s.calibration_mm}};
+    json["stereo"] = {{"pair_rad", s.pair_rad},          {"pairs", s.pairs},
+                      {"windows", s.counts.windows},     {"found", s.counts.found},
+                      {"outside", s.counts.outside},     {"standing", s.counts.standing},
+                      {"unknown", s.counts.unknown},     {"plain", s.counts.plain},
+                      {"ambiguous", s.counts.ambiguous}, {"inconsistent", s.counts.inconsistent},
+                      {"misfit", s.counts.misfit},       {"calibration_mm", s.calibration_mm}};
   }
   if (notes.closure_mm) json["closure_mm"] = to_json(*notes.closure_mm);
   put_lasers(json, notes);

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "acquisition/stereo/calibration_share.h"
-#include "daemon/scan_lasers.h"
 
 namespace celadon {
 namespace {
