@@ -203,13 +203,15 @@ class Session final : public ScanObserver {
                       " angles of the table; stand it upright over the middle of the platter, facing the camera.";
         continue;
       }
-      auto passes = take_passes_of(placement, *views);
-      if (!passes) return Stop(passes.error());
+      if (placement < plan_.timed_placements) {
+        auto passes = take_passes_of(placement, *views);
+        if (!passes) return Stop(passes.error());
+        std::move(passes->begin(), passes->end(), std::back_inserter(input.sweeps));
+      }
       auto at_stops = take_stops(placement, *views);
       if (!at_stops) return Stop(at_stops.error());
       input.views.insert(input.views.end(), views->begin(), views->end());
       input.views.insert(input.views.end(), at_stops->begin(), at_stops->end());
-      std::move(passes->begin(), passes->end(), std::back_inserter(input.sweeps));
       return {};
     }
   }

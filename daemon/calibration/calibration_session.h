@@ -20,8 +20,10 @@ struct CalibrationPlan {
   int angles = 36;                                ///< of the table, a turn, for each placement
   double exposure_ms = 0;                         ///< 0: the camera's own
   Measured pitch_x{1, 0.003}, pitch_y{1, 0.003};  ///< of the print, measured / nominal
-  int stops =
-      8;  ///< of each axis beside the table that the machine has, for each placement; 0: they are not calibrated
+  /// Of each axis beside the table that the machine has, for each placement; 0: they are not calibrated.
+  int stops = 8;
+  /// Placements at which the board passes the camera; 0: when frames are exposed is not measured.
+  int timed_placements = 2;
 };
 
 /// One look for a board that is held.

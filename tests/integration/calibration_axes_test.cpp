@@ -100,7 +100,7 @@ TEST(CalibratingAxes, HeadAndLiftAreThoseOfTheTruthAndStopsOfAScanAgree) {
   Station station("empty", kSmallCamera);
   auto machine = open_scanner(station.url, station.camera);
   ASSERT_TRUE(machine) << machine.error().message;
-  const CalibrationPlan plan{*TargetBoard::parse(kLargeBoard), 7, 2, 16, 4, {1, 1e-4}, {1, 1e-4}, 4};
+  const CalibrationPlan plan{*TargetBoard::parse(kLargeBoard), 7, 2, 16, 4, {1, 1e-4}, {1, 1e-4}, 4, 0};
   BoardOperator hand(station, kLargeBoard, kLeaningBack, 10);
   const auto input = take_calibration_views(*machine, plan, hand);
   ASSERT_TRUE(input) << input.error().reason;
@@ -167,7 +167,7 @@ nlohmann::json left_by(Ending::By by) {
   const Station station("empty", kSmallCamera);
   auto machine = open_scanner(station.url, station.camera);
   EXPECT_TRUE(machine) << machine.error().message;
-  const CalibrationPlan plan{*TargetBoard::parse(kLargeBoard), 0, 1, 16, 4, {1, 1e-4}, {1, 1e-4}, 3};
+  const CalibrationPlan plan{*TargetBoard::parse(kLargeBoard), 0, 1, 16, 4, {1, 1e-4}, {1, 1e-4}, 3, 0};
   Ending hand(station, by);
   const auto input = take_calibration_views(*machine, plan, hand);
   EXPECT_FALSE(input);

@@ -24,7 +24,7 @@ TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
   Station station("cylinder-off", {"--ambient", "8", "--fps", "12"});
   auto machine = open_scanner(station.url, station.camera);
   ASSERT_TRUE(machine) << machine.error().message;
-  const CalibrationPlan plan{*TargetBoard::parse(kBoard), 15, 3, 24, 4, {1, 1e-4}, {1, 1e-4}};
+  const CalibrationPlan plan{*TargetBoard::parse(kBoard), 15, 3, 24, 4, {1, 1e-4}, {1, 1e-4}, 8, 0};
   BoardOperator hand(station, kBoard, {"@0,0,55,0,-8,30", "@14,-8,55,0,10,150", "@-10,12,55,5,-12,270"});
   const auto input = take_calibration_views(*machine, plan, hand);
   ASSERT_TRUE(input) << input.error().reason;
@@ -63,16 +63,16 @@ void expect_within(const char* what, const Measured& found, double truth, double
 }
 
 TEST(Calibrating, WhenRowsAreExposedIsThatOfTheTruth) {
-  Station station("empty", {"--ambient", "8", "--fps", "15", "--shutter", "rolling", "--width", "640", "--height",
-                            "512", "--backlash", "0.2"});
+  Station station("empty", {"--ambient", "8", "--fps", "6", "--shutter", "rolling", "--width", "960", "--height", "768",
+                            "--backlash", "0.2"});
   auto machine = open_scanner(station.url, station.camera);
   ASSERT_TRUE(machine) << machine.error().message;
-  const CalibrationPlan plan{*TargetBoard::parse("tags:8x6x10"), 7, 2, 16, 4, {1, 1e-4}, {1, 1e-4}};
-  BoardOperator hand(station, "tags:8x6x10", {"@0,0,55,0,-8,30", "@14,-8,55,0,10,150"});
+  const CalibrationPlan plan{*TargetBoard::parse("tags:10x7x10"), 7, 1, 12, 4, {1, 1e-4}, {1, 1e-4}, 8, 1};
+  BoardOperator hand(station, "tags:10x7x10", {"@0,0,55,0,-8,30"}, 10);
   const auto input = take_calibration_views(*machine, plan, hand);
   ASSERT_TRUE(input) << input.error().reason;
-  EXPECT_EQ(input->sweeps.size(), 12u);
-  EXPECT_GT(hand.seen_passing, 100);
+  EXPECT_EQ(input->sweeps.size(), 6u);
+  EXPECT_GT(hand.seen_passing, 40);
   const auto solved = solve_calibration(*input);
   ASSERT_TRUE(solved) << solved.error();
   print_steps(*solved);
