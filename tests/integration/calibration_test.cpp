@@ -67,7 +67,7 @@ TEST(Calibrating, WhenRowsAreExposedIsThatOfTheTruth) {
                             "--backlash", "0.2"});
   auto machine = open_scanner(station.url, station.camera);
   ASSERT_TRUE(machine) << machine.error().message;
-  const CalibrationPlan plan{*TargetBoard::parse("tags:10x7x10"), 7, 1, 12, 4, {1, 1e-4}, {1, 1e-4}, 8, 1};
+  const CalibrationPlan plan{*TargetBoard::parse("tags:10x7x10"), 7, 1, 16, 4, {1, 1e-4}, {1, 1e-4}, 8, 1};
   BoardOperator hand(station, "tags:10x7x10", {"@0,0,55,0,-8,30"}, 10);
   const auto input = take_calibration_views(*machine, plan, hand);
   ASSERT_TRUE(input) << input.error().reason;
