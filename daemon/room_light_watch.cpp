@@ -12,7 +12,7 @@ namespace {
 constexpr int kPitch_px = 24;       // of the places that are compared
 constexpr float kFromLine_px = 40;  // a line's glow is no light of the room
 constexpr int kFewestCompared = 100;
-constexpr int kSmoothFrames = 4;     // a lamp stays on for longer
+constexpr std::size_t kInARow = 4;   // frames: a lamp stays on for longer
 constexpr double kLeast_levels = 6;  // less than this hardly adds noise
 constexpr double kOfLine = 0.1;      // of the line's brightness
 
@@ -60,10 +60,12 @@ double RoomLightWatch::see(const CameraMode& mode, std::span<const std::uint8_t>
   if (differences.count() < kFewestCompared) return 0;
   const double change = differences.mean();
   ++reading_.frames;
-  since_background_ = std::min(since_background_ + 1, kSmoothFrames);
-  smooth_levels_ += (change - smooth_levels_) / since_background_;
-  if (std::abs(smooth_levels_) > std::abs(reading_.change_levels) && since_background_ == kSmoothFrames) {
-    reading_.change_levels = smooth_levels_;
+  last_levels_.push_back(change);
+  if (last_levels_.size() > kInARow) last_levels_.pop_front();
+  const auto [least, most] = std::minmax_element(last_levels_.begin(), last_levels_.end());
+  const double lasting = *least > 0 ? *least : *most < 0 ? *most : 0;
+  if (last_levels_.size() == kInARow && std::abs(lasting) > std::abs(reading_.change_levels)) {
+    reading_.change_levels = lasting;
     reading_.at_rad = turned_rad;
   }
   return change;
@@ -71,7 +73,7 @@ double RoomLightWatch::see(const CameraMode& mode, std::span<const std::uint8_t>
 
 void RoomLightWatch::renewed() {
   ++reading_.renewed_backgrounds;
-  since_background_ = 0;
+  last_levels_.clear();
 }
 
 SelfCheck room_light_check(const RoomLightReading& reading, double bright_level) {

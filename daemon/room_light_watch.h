@@ -3,6 +3,7 @@
 // subtracted from them. README.md, "The room's light".
 
 #include <cstdint>
+#include <deque>
 #include <span>
 
 #include "acquisition/frame.h"
@@ -13,7 +14,7 @@ namespace celadon {
 
 struct RoomLightReading {
   std::uint64_t frames = 0;  ///< compared
-  double change_levels = 0;  ///< mean of the frames about the one that differs most, brighter positive
+  double change_levels = 0;  ///< the largest that several frames in a row had, brighter positive
   double at_rad = 0;         ///< where it does, turned since the first profile
   int renewed_backgrounds = 0;
 };
@@ -31,8 +32,7 @@ class RoomLightWatch {
 
  private:
   RoomLightReading reading_;
-  double smooth_levels_ = 0;
-  int since_background_ = 0;
+  std::deque<double> last_levels_;  ///< of frames with the present background
 };
 
 /// In step mode the background is taken anew once a frame differs by so much from it.

@@ -49,9 +49,9 @@ constexpr float power_of_slope() {
 
 /// Levels that are unknown, and the border, make those within their reach unknown.
 LevelPicture smoothed(const LevelPicture& in) {
-  constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
+  constexpr float kNoLevel = std::numeric_limits<float>::quiet_NaN();
   const int wide = in.width_px, high = in.height_px;
-  LevelPicture lines{wide, high, std::vector<float>(in.level.size(), kUnknown)}, out = lines;
+  LevelPicture lines{wide, high, std::vector<float>(in.level.size(), kNoLevel)}, out = lines;
   const auto at = [wide](int x, int y) {
     return static_cast<std::size_t>(y) * static_cast<std::size_t>(wide) + static_cast<std::size_t>(x);
   };
