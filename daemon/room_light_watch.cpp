@@ -11,7 +11,7 @@ namespace {
 
 constexpr int kPitch_px = 24;       // of the places that are compared
 constexpr float kFromLine_px = 40;  // a line's glow is no light of the room
-constexpr int kFewestCompared = 100;
+constexpr int kFewestBesideLine = 100;
 constexpr std::size_t kInARow = 4;   // frames: a lamp stays on for longer
 constexpr double kLeast_levels = 6;  // less than this hardly adds noise
 constexpr double kOfLine = 0.1;      // of the line's brightness
@@ -57,7 +57,7 @@ double RoomLightWatch::see(const CameraMode& mode, std::span<const std::uint8_t>
       differences.add(static_cast<int>(frame[at]) - static_cast<int>(background[at]));
     }
   }
-  if (differences.count() < kFewestCompared) return 0;
+  if (differences.count() < kFewestBesideLine) return 0;
   const double change = differences.mean();
   ++reading_.frames;
   last_levels_.push_back(change);
