@@ -226,10 +226,8 @@ SelfCheck steadiness(const CheckedScan& scan, const RangeFit& piece, bool lasers
   double square = 0;
   for (const double off : left) square += off * off / static_cast<double>(left.size());
   const double value = std::min(std::sqrt(square), robust_deviation(left, median(left)));
-  // On flanks the errors of two lasers are opposite: (s - -s) / sqrt(2).
-  const double opposite = scan.agreement && !scan.agreement->around.empty() ? std::numbers::sqrt2 : 1;
   SelfCheck check = shaking("steadiness", value, noise_mm, noise_mm / std::sqrt(2. * static_cast<double>(left.size())),
-                            opposite * scan.calibration.systematic_mm,
+                            scan.calibration.systematic_mm,
                             "what fields of 2 degrees are off by over the whole height, root mean square");
   if (check.verdict == CheckVerdict::passed && may_be_followed) {
     return unknown(
