@@ -189,6 +189,10 @@ std::variant<Fields, std::string> fields_of(const CheckedScan& scan, const Range
     for (double& off : fields.off_mm) off /= std::numbers::sqrt2;
     return fields;
   }
+  if (scan.agreement) {
+    return "each laser sees places that the other does not, and edges that the surface cannot follow would look like "
+           "shaking";
+  }
   const auto around = errors_around(piece.geometric_errors);
   if (!around) return "the samples do not go all around";
   if (piece.report.coverage < kMostSeen) {
