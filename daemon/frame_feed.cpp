@@ -6,6 +6,7 @@
 namespace celadon {
 namespace {
 
+constexpr std::int64_t kRestLimit_ns = 30'000'000'000;
 constexpr std::int64_t kMillisecond_ns = 1'000'000;
 constexpr std::int64_t kCameraSilence_ns = 2'000 * kMillisecond_ns;
 constexpr int kMostStaleFrames = 200;
@@ -277,6 +278,19 @@ tl::expected<void, ScanStop> FrameFeed::keep(const Frame& frame, const AngleAtIn
     stop.camera_lost = false;
     stop.failure = ScanFailure::system;
     return tl::make_unexpected(std::move(stop));
+  }
+  return {};
+}
+
+tl::expected<void, ScanStop> FrameFeed::come_to_rest() {
+  const std::int64_t since_ns = equipment_.clock.now_ns();
+  while (status_.motion != MotionState::standstill) {
+    if (equipment_.clock.now_ns() - since_ns > kRestLimit_ns) {
+      return tl::make_unexpected(ScanStop{ScanState::failed,
+                                          "The table did not come to rest within 30 s after its turn; check the drive "
+                                          "and start a new scan."});
+    }
+    if (auto frame = next(); !frame) return tl::make_unexpected(frame.error());
   }
   return {};
 }

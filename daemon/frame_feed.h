@@ -65,6 +65,9 @@ class FrameFeed {
   /// dropped and counted as stale.
   tl::expected<Frame, ScanStop> next_after(std::int64_t instant_ns);
 
+  /// Takes frames until the table, which ends its move by itself, stands; a stop after 30 s.
+  tl::expected<void, ScanStop> come_to_rest();
+
   /// Writes down what became of a frame.
   void verdict(const FrameInfo& frame, FrameVerdict verdict);
 

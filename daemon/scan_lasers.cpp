@@ -9,8 +9,6 @@
 namespace celadon {
 namespace {
 
-constexpr std::int64_t kRestLimit_ns = 30'000'000'000;
-
 std::string numbers_of(std::span<const int> lasers) {
   std::string text;
   for (const int laser : lasers) text += (text.empty() ? "" : ", ") + std::to_string(laser);
@@ -46,20 +44,6 @@ tl::expected<void, ScanStop> look_again(const ScanEquipment& equipment, FrameFee
   return {};
 }
 
-/// Waits until the table, which ends its turn by itself, stands.
-tl::expected<void, ScanStop> come_to_rest(const CaptureTools& tools) {
-  const std::int64_t since_ns = tools.equipment.clock.now_ns();
-  while (tools.feed.status().motion != MotionState::standstill) {
-    if (tools.equipment.clock.now_ns() - since_ns > kRestLimit_ns) {
-      return tl::make_unexpected(ScanStop{ScanState::failed,
-                                          "The table did not come to rest within 30 s after its turn; check the drive "
-                                          "and start a new scan."});
-    }
-    if (auto frame = tools.feed.next(); !frame) return tl::make_unexpected(frame.error());
-  }
-  return {};
-}
-
 /// A laser that shines although it was switched off just now: by the difference to the background of its turn and,
 /// since the object stands differently now, by a line that is too long to be anything else.
 tl::expected<bool, ScanStop> still_shines(const CaptureTools& tools, const LaserTurn& before) {
@@ -91,7 +75,7 @@ tl::expected<void, ScanStop> change_turn(const CaptureTools& tools, std::span<La
                                         " did not go out after its turn, so that no other was switched on; cut "
                                         "the power at the machine."});
   }
-  if (auto rested = come_to_rest(tools); !rested) return rested;
+  if (auto rested = feed.come_to_rest(); !rested) return rested;
   // Back only where the travel ends: on and on the same way, the drive's play is taken up.
   if (!turn_fits_travel(tools)) {
     auto back = equipment.device->rotate_to(begin_rad, equipment.device->capabilities().max_speed_rad_per_s);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 namespace celadon {
 namespace {
@@ -10,12 +11,11 @@ namespace {
 using Stop = tl::unexpected<ScanStop>;
 
 constexpr double kFast_rad_per_s = 36 * std::numbers::pi / 180;
-constexpr double kSlow = 0.4;           // of the fast speed
-constexpr double kShorter = 0.4;        // of the usual exposure
-constexpr std::size_t kMostViews = 16;  // of a pass: corners take longer to find than frames to come
-constexpr int kFewestViews = 6;         // frames within the way of the fastest pass
-constexpr int kFramesAtRest = 20;       // after which the table has stopped short
-constexpr int kFramesToRest = 5'000;
+constexpr double kSlow = 0.4;             // of the fast speed
+constexpr double kShorter = 0.4;          // of the usual exposure
+constexpr int kMostViews = 16;            // of a pass: corners take longer to find than frames to come
+constexpr int kFewestViews = 6;           // frames within the way of the fastest pass
+constexpr int kFramesAtRest = 20;         // after which the table has stopped short
 constexpr double kSpeedMayDiffer = 0.02;  // from what was ordered: the run-up is no part of a pass
 constexpr double kNarrowest_rad = 0.05;   // half of a way that is worth a pass
 constexpr std::int64_t kShorterSettles_ns = 200'000'000;
@@ -25,22 +25,15 @@ struct Taken {
   std::vector<std::uint8_t> bytes;
 };
 
-/// Every n-th, so that at most kMostViews are left.
-std::vector<Taken> thinned(std::vector<Taken> all) {
-  const std::size_t n = (all.size() + kMostViews - 1) / kMostViews;
-  std::vector<Taken> out;
-  for (std::size_t i = n / 2; i < all.size(); i += n) out.push_back(std::move(all[i]));
-  return out;
-}
-
-/// Frames whose stamps lie within the way from one angle to the other.
+/// At most kMostViews frames, evenly, whose stamps lie within the way from one angle to the other.
 tl::expected<std::vector<Taken>, ScanStop> frames_between(const PassTools& tools, double from_rad, double to_rad,
                                                           double speed_rad_per_s) {
   ScannerDevice& device = *tools.equipment.device;
   const double sense = to_rad > from_rad ? 1 : -1;
-  const double run_up_rad =
-      sense * (device.run_up_rad(speed_rad_per_s) +
-               4 * speed_rad_per_s * 1e-9 * static_cast<double>(tools.equipment.camera.mode().frame_period_ns));
+  const double period_s = 1e-9 * static_cast<double>(tools.equipment.camera.mode().frame_period_ns);
+  const double frames = std::abs(to_rad - from_rad) / (speed_rad_per_s * period_s);
+  const auto every = std::max(1, static_cast<int>(std::ceil(frames / kMostViews)));
+  const double run_up_rad = sense * (device.run_up_rad(speed_rad_per_s) + 4 * speed_rad_per_s * period_s);
   // From further back, so that a gear's play is taken up before the sweep.
   for (const double start_rad : {from_rad - 2 * run_up_rad, from_rad - run_up_rad}) {
     auto settled = device.rotate_to(start_rad, device.capabilities().max_speed_rad_per_s);
@@ -51,6 +44,7 @@ tl::expected<std::vector<Taken>, ScanStop> frames_between(const PassTools& tools
     return Stop(stop_of(moving.error()));
   }
   std::vector<Taken> taken;
+  int within = 0;
   for (int at_rest = 0; at_rest <= kFramesAtRest;) {
     auto frame = tools.feed.next();
     if (!frame) return Stop(frame.error());
@@ -58,17 +52,10 @@ tl::expected<std::vector<Taken>, ScanStop> frames_between(const PassTools& tools
     const auto angle = tools.feed.timeline().at(frame->info.stamp_ns);
     if (!angle || sense * (angle->angle_rad - from_rad) < 0) continue;
     if (sense * (angle->angle_rad - to_rad) > 0) break;
-    taken.push_back({frame->info, {frame->bytes().begin(), frame->bytes().end()}});
+    if (within++ % every == every / 2) taken.push_back({frame->info, {frame->bytes().begin(), frame->bytes().end()}});
   }
-  for (int waited = 0; tools.feed.status().motion != MotionState::standstill; ++waited) {
-    if (waited > kFramesToRest) {
-      return Stop(
-          ScanStop{ScanState::failed,
-                   "The table did not come to rest after passing the camera; check the drive and calibrate again."});
-    }
-    if (auto frame = tools.feed.next(); !frame) return Stop(frame.error());
-  }
-  return thinned(std::move(taken));
+  if (auto rested = tools.feed.come_to_rest(); !rested) return Stop(rested.error());
+  return taken;
 }
 
 tl::expected<BoardSweep, ScanStop> take_pass(const PassTools& tools, int placement, double from_rad, double to_rad,
