@@ -205,6 +205,7 @@ tl::expected<ScanOutcome, ScanStop> keep_samples(const ScanTask& task, ProfileLo
   if (auto synced = log.wait_synced(); !synced) notes.warnings.push_back(synced.error().message);
   std::uint64_t points = 0;
   for (const LaserShare& share : notes.lasers) points += share.samples;
+  if (notes.stereo) points += static_cast<std::uint64_t>(notes.stereo->counts.samples());
   auto files = write_samples(task.log_file, points, task.results_folder, notes);
   if (!files) return failed(files.error().message);
   ScanOutcome outcome;
@@ -270,7 +271,9 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     if (!stop) return tl::make_unexpected(stop.error());
     stand_at(*stop, first_turns, equipment);
   }
-  // Of a scan by stereo no frames are kept: recordings are of lines.
+  if (by_stereo && !task.recording_folder.empty()) {
+    notes.warnings.emplace_back("The frames of this scan are not kept: recordings are of laser lines, not of stereo.");
+  }
   const std::vector<int> shining = by_stereo ? std::vector<int>() : *lasers;
   auto recording = open_recording(equipment, task);
   if (!recording) return tl::make_unexpected(recording.error());
