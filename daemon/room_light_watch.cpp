@@ -79,7 +79,7 @@ void RoomLightWatch::renewed() {
 SelfCheck room_light_check(const RoomLightReading& reading, double bright_level) {
   SelfCheck check{"room_light", "grey levels", {}, {}, {}, CheckVerdict::not_verifiable, {}, {}, {}};
   if (reading.frames == 0) {
-    check.note = "no background was taken, or nothing is seen beside the line";
+    check.note = "no frame was compared with a background";
     return check;
   }
   char text[160];

@@ -128,11 +128,12 @@ Acceptance judge_acceptance(const Artefact& artefact, const ArtefactMeasurement&
 
 std::string acceptance_text(const Acceptance& acceptance) {
   char line[320];
-  std::snprintf(line, sizeof line, "artefact    %s%s%s\n            %s\n\n%-26s %-7s %11s %11s %9s %9s %9s  %s\n",
-                acceptance.artefact.name.c_str(), acceptance.artefact.certificate.empty() ? "" : ", certificate ",
-                acceptance.artefact.certificate.c_str(), kManner, "characteristic (mm)", "where", "measured",
+  const std::string& certificate = acceptance.artefact.certificate;
+  std::string text = "artefact    " + acceptance.artefact.name +
+                     (certificate.empty() ? "" : ", certificate " + certificate) + "\n            " + kManner + "\n\n";
+  std::snprintf(line, sizeof line, "%-26s %-7s %11s %11s %9s %9s %9s  %s\n", "characteristic (mm)", "where", "measured",
                 "certified", "error", "U (k=2)", "limit", "verdict");
-  std::string text = line;
+  text += line;
   std::string notes;
   for (const AcceptanceItem& item : acceptance.items) {
     char limit[16] = "-";
