@@ -94,8 +94,15 @@ class Session final : public ScanObserver {
     auto feed = FrameFeed::start(equipment_, *this, triangulator_, 0);
     if (!feed) return Stop(feed.error());
     feed_ = std::move(*feed);
-    CalibrationInput input{plan_.board, mode().width_px, mode().height_px, {}, {},
-                           {},          plan_.pitch_x,   plan_.pitch_y,    {}, assumed_time(mode())};
+    CalibrationInput input{.board = plan_.board,
+                           .width_px = mode().width_px,
+                           .height_px = mode().height_px,
+                           .views = {},
+                           .platter = {},
+                           .rim = {},
+                           .pitch_x = plan_.pitch_x,
+                           .pitch_y = plan_.pitch_y,
+                           .assumed_time = assumed_time(mode())};
     auto taken = take_held_views(input);
     for (int placement = 0; taken && placement < plan_.placements; ++placement) {
       taken = take_placement(placement, input);
