@@ -35,11 +35,9 @@ celadon_precompiled(celadon_json_headers HEADERS ${common_headers} <nlohmann/jso
                     LINK Eigen3::Eigen nlohmann_json::nlohmann_json)
 celadon_precompiled(celadon_cold_headers HEADERS ${common_headers} <nlohmann/json.hpp> OPTIONS -O1
                     LINK Eigen3::Eigen nlohmann_json::nlohmann_json)
-# Test programs spend their time in the libraries: compiling them fast is worth more than running them fast.
+# Test programs spend their time in the libraries: compiling them fast is worth more than running them fast. Not below -O1:
+# of a template that both instantiate the linker keeps the test's.
 set(test_optimisation -O1)
-if(CELADON_SANITIZE)
-  set(test_optimisation -O0)  # half the time again; the libraries' instructions are what is checked
-endif()
 if(CELADON_BUILD_TESTS)
   celadon_precompiled(celadon_test_headers KIND EXECUTABLE OPTIONS ${test_optimisation}
                       HEADERS ${common_headers} <nlohmann/json.hpp> <gtest/gtest.h> <gmock/gmock.h> <rapidcheck/gtest.h>

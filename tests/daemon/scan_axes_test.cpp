@@ -259,7 +259,7 @@ TEST(ScanAxes, CancelledAtAnyInstantNothingMovesAndNothingShines) {
   const Calibration calibration = FakeMachine(0, 0, true).calibration(1);
   bool whole = false;
   int cut_short = 0;
-  for (int instant = 5; !whole; instant += 37) {
+  for (int instant = 5; !whole; instant += 97) {
     FakeMachine machine(0, 0, true);
     const TemporaryFolder folder;
     const ScanTask task = task_at(folder, {0, 20}, {0, 10});

@@ -37,6 +37,18 @@ double squared_distance_to_segment(const Eigen::Vector3d& p, const Eigen::Vector
   return (p - a - t * ab).squaredNorm();
 }
 
+/// A lower bound of the distance to the triangle, in plain numbers: test programs are hardly optimised.
+double squared_distance_to_box(const double* p, const double* a, const double* b, const double* c) {
+  double sum = 0;
+  for (int k = 0; k < 3; ++k) {
+    const double low = a[k] < b[k] ? (a[k] < c[k] ? a[k] : c[k]) : (b[k] < c[k] ? b[k] : c[k]);
+    const double high = a[k] > b[k] ? (a[k] > c[k] ? a[k] : c[k]) : (b[k] > c[k] ? b[k] : c[k]);
+    const double out = p[k] < low ? low - p[k] : (p[k] > high ? p[k] - high : 0);
+    sum += out * out;
+  }
+  return sum;
+}
+
 }  // namespace
 
 bool Triangles::watertight() const {
@@ -77,6 +89,9 @@ double Triangles::distance(const Eigen::Vector3d& p) const {
     const Eigen::Vector3d& a = vertices[face[0]];
     const Eigen::Vector3d& b = vertices[face[1]];
     const Eigen::Vector3d& c = vertices[face[2]];
+    if (squared_distance_to_box(p.data(), a.data(), b.data(), c.data()) > best) {
+      continue;
+    }
     const Eigen::Vector3d n = (b - a).cross(c - a);
     const bool inside =
         n.dot((b - a).cross(p - a)) >= 0 && n.dot((c - b).cross(p - b)) >= 0 && n.dot((a - c).cross(p - c)) >= 0;

@@ -48,7 +48,7 @@ TEST(BoardAppearance, IsThatOfTheKnownPose) {
 // Turned about the y axis by a positive angle, z = -x sin(angle): the right edge comes nearer. About x, z = y
 // sin(angle): the upper one does.
 TEST(BoardAppearance, TiltsTowardsTheEdgeThatIsNearer) {
-  const auto tilt = [](double about_x, double about_y, double about_z) {
+  const auto tilt = [](double about_x, double about_y, double about_z) -> Eigen::Vector2d {
     return appearance_of(board(), seen(board(), {0, 0, 300}, about_x, about_y, about_z)).tilt_rad / kDegree;
   };
   for (const double angle : {12., 30., 50.}) {
