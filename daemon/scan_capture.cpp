@@ -129,7 +129,7 @@ class Intake {
       tools_.view.see(rows_, profile_);
       ++share_.profiles;
       share_.samples += profile_.size();
-      running_fit_.offer(tools_.sums);
+      if (tools_.request.fits_surface()) running_fit_.offer(tools_.sums);
     }
     if (auto logged = tools_.log.append(profile_, overlap); !logged) {
       return tl::make_unexpected(

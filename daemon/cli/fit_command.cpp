@@ -249,6 +249,9 @@ int fit(const FitArguments& arguments) {
       return fail(2, "'" + arguments.input + "': " + taken.error());
   }
   const bool native = input->columns() != CloudColumns::cartesian;
+  if (native && cloud.axis != Axis::z)
+    return fail(2, "'" + arguments.input + "' holds samples about the scanner's axis, which is z; leave --axis " +
+                       arguments.axis + " out, or name auto for the shape's own");
   if (arguments.axis == "auto" && (arguments.axis_named || !native)) {
     const auto own = input->own_frame();
     if (!input->error().empty()) return fail(2, input->error());

@@ -109,6 +109,7 @@ TEST(ScanJob, SamplesAreAResult) {
   EXPECT_EQ(report["points"], samples);
   EXPECT_FALSE(report.contains("model"));
   EXPECT_NE(report["warnings"].dump().find("No surface was fitted"), std::string::npos);
+  EXPECT_FALSE(outcome.progress.fit_rms_mm);
 }
 
 TEST(ScanJob, HomingIsCutShort) {

@@ -476,7 +476,8 @@ TEST(FitCommand, SameInputGivesTheSameBytes) {
 TEST(FitCommand, EveryBadInputGetsOneSentenceAndNoFile) {
   const TemporaryFolder folder;
   const std::string good = cloud_of([](double, double) { return 25.0; }, 3000);
-  std::string on_axis, not_numbers;
+  std::string on_axis, not_numbers, native = "r,theta,z\n";
+  for (int k = 0; k < 3000; ++k) native += "25," + std::to_string(0.1 * k) + "," + std::to_string(0.01 * k) + "\n";
   for (int k = 0; k < 3000; ++k) on_axis += "0 0 " + std::to_string(k) + "\n";
   for (int k = 0; k < 3000; ++k) not_numbers += "nan inf " + std::to_string(k) + "\n";
   struct Case {
@@ -506,6 +507,7 @@ TEST(FitCommand, EveryBadInputGetsOneSentenceAndNoFile) {
       {"picture.xyz", std::string("\x89PNG\r\n\x1a\n\0\0\0\rIHDR", 16), {}, "picture.xyz"},
       {"unit.xyz", good, {"--unit", "furlong"}, "furlong"},
       {"axis-name.xyz", good, {"--axis", "w"}, "w"},
+      {"native.csv", native, {"--axis", "x"}, "leave --axis x out"},
       {"line.xyz", on_axis, {"--axis", "auto"}, "line"},
       {"degree.xyz", good, {"--degree", "9", "3"}, "9"},
   };
