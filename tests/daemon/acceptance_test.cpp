@@ -318,6 +318,19 @@ TEST(Acceptance, UncertaintyCountsAgainstWhoClaims) {
   }
 }
 
+// It lies anywhere within what is certified: a rectangular distribution of that half width.
+TEST(Acceptance, TheArtefactsOwnFormIsUncertain) {
+  Artefact artefact;
+  artefact.spheres = {{"A", {0, 0, 0}, {20, 0}, 0.012}, {"B", {50, 0, 0}, {20, 0}, 0}};
+  ArtefactMeasurement measured;
+  measured.spheres.resize(2);
+  const Acceptance acceptance = judge_acceptance(artefact, measured);
+  for (const Characteristic what : {Characteristic::form, Characteristic::form95}) {
+    EXPECT_NEAR(item_of(acceptance, what, "A").u_certificate, 0.0069282, 1e-7);
+    EXPECT_EQ(item_of(acceptance, what, "B").u_certificate, 0);
+  }
+}
+
 TEST(Acceptance, TheReportHasWhatIsJudged) {
   Random random(11);
   Artefact artefact = random_artefact(random);

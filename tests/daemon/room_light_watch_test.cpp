@@ -23,11 +23,12 @@ CameraMode mode_of(PixelFormat format) {
   return mode;
 }
 
-/// A gradient with noise; a line with a wide glow at x = 300 (y = 300 along columns), and an object's bright patch that
+/// A gradient with noise; a line with a wide glow (at an x, along columns at a y), and an object's bright patch that
 /// covers a share of the width and moves.
 struct Room {
   CameraMode mode = mode_of(PixelFormat::grey8);
   LineAlong along = LineAlong::rows;
+  float line_px = 300;
   std::mt19937 random{7};
 
   std::vector<std::uint8_t> picture(double level, bool laser, int patch_from, int patch_to) {
@@ -35,11 +36,11 @@ struct Room {
     const std::size_t step = bytes_per_pixel(mode.format);
     std::vector<std::uint8_t> out(mode.stride_bytes * kHeight, 128);
     for (int y = 0; y < kHeight; ++y) {
-      for (int x = 0; x < kWidth; ++x) {
+      for (int x = 0; x < mode.width_px; ++x) {
         const int across = along == LineAlong::rows ? x : y;
         double v = level + 0.02 * x + noise(random);
         if (x >= patch_from && x < patch_to) v += 60;
-        if (laser && std::abs(across - 300) < 30) v += 120;
+        if (laser && std::abs(static_cast<float>(across) - line_px) < 30) v += 120;
         out[static_cast<std::size_t>(y) * mode.stride_bytes + static_cast<std::size_t>(x) * step] =
             static_cast<std::uint8_t>(std::clamp(v, 0., 255.));
       }
@@ -48,7 +49,7 @@ struct Room {
   }
   std::vector<LineRow> rows() const {
     LineRow row;
-    row.x_px = 300;
+    row.x_px = line_px;
     row.status = RowStatus::found;
     return std::vector<LineRow>(static_cast<std::size_t>(along == LineAlong::rows ? kHeight : kWidth), row);
   }
@@ -98,6 +99,25 @@ TEST(RoomLightWatch, ALampIsNamedWithItsPlaceAndBothSenses) {
   EXPECT_NE(darker.cause.find("darker"), std::string::npos) << darker.cause;
 }
 
+TEST(RoomLightWatch, ALinesGlowIsNotTheRooms) {
+  Room room;
+  room.mode.width_px = 120;
+  room.line_px = 60;
+  EXPECT_LT(std::abs(reading_of(room, std::vector<double>(12, 20)).change_levels), 0.5);
+}
+
+TEST(RoomLightWatch, ABrightLineBearsMore) {
+  RoomLightReading reading;
+  reading.frames = 10;
+  for (const double change : {-10., 10.}) {
+    reading.change_levels = change;
+    EXPECT_EQ(room_light_check(reading, 150).verdict, CheckVerdict::passed);
+    EXPECT_EQ(room_light_check(reading, 80).verdict, CheckVerdict::failed);
+  }
+  reading.change_levels = 5;  // which hardly adds noise, however dark the line
+  EXPECT_EQ(room_light_check(reading, 20).verdict, CheckVerdict::passed);
+}
+
 TEST(RoomLightWatch, OneFrameAloneIsNoLamp) {
   std::vector<double> levels(20, 20);
   levels[9] = 40;  // a flash
@@ -116,6 +136,11 @@ TEST(RoomLightWatch, ANewBackgroundBeginsAnew) {
   for (int k = 0; k < 10; ++k) EXPECT_LT(std::abs(see(lit)), 0.5);
   EXPECT_LT(std::abs(watch.reading().change_levels), 0.5) << "only one frame was subtracted a wrong background";
   EXPECT_EQ(watch.reading().renewed_backgrounds, 1);
+  // Frames before and after a new background are not of one row.
+  for (int k = 0; k < 3; ++k) see(dark);
+  watch.renewed();
+  see(dark);
+  EXPECT_LT(std::abs(watch.reading().change_levels), 0.5);
 }
 
 TEST(RoomLightWatch, WithoutABackgroundNothingIsSaid) {

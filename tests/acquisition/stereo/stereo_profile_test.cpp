@@ -45,10 +45,15 @@ class Table {
   }
   StereoPair matched(double first_rad, double second_rad) {
     const auto first = picture(first_rad), second = picture(second_rad);
+    return matched({first, first_rad, kAngle_rad}, {second, second_rad, kAngle_rad}, noise_at(first_rad));
+  }
+  PictureNoise noise_at(double angle_rad) {
     std::vector<std::vector<std::uint8_t>> standing;
-    for (int i = 0; i < 4; ++i) standing.push_back(picture(first_rad));
-    auto pair = StereoPair::begin(calibration_, {}, mode_, noise_of(mode_, standing), {first, first_rad, kAngle_rad},
-                                  {second, second_rad, kAngle_rad});
+    for (int i = 0; i < 4; ++i) standing.push_back(picture(angle_rad));
+    return noise_of(mode_, standing);
+  }
+  StereoPair matched(const TablePicture& first, const TablePicture& second, const PictureNoise& noise) const {
+    auto pair = StereoPair::begin(calibration_, {}, mode_, noise, first, second);
     EXPECT_TRUE(pair) << pair.error();
     for (int band = 0; band < pair->bands(); ++band) pair->match(band);
     return std::move(*pair);
@@ -127,6 +132,43 @@ TEST(StereoProfile, SamplesScatterAboutTheClosedFormAsTheirCovarianceSays) {
     EXPECT_LT(std::abs(spread.bias_mm), 0.015) << scene;
     EXPECT_NEAR(spread.chi2, 1, 0.3) << scene;
   }
+}
+
+// Both angles wrong by the same turn the sample, and change nothing else of it.
+TEST(StereoProfile, CovariancesKnowTheAnglesOfBothPictures) {
+  Table table("vase", 3, 6);
+  const double at = 0.2;
+  const auto first = table.picture(at), second = table.picture(at + kPairTurn_rad);
+  const PictureNoise noise = table.noise_at(at);
+  constexpr double kSigma_rad = 1;  // beside it matching is exact
+  const auto profile = [&](double sigma_first, double sigma_second) {
+    Profile out;
+    table.matched({first, at, sigma_first}, {second, at + kPairTurn_rad, sigma_second}, noise).fill(out);
+    return out;
+  };
+  const Profile by_first = profile(kSigma_rad, 0), by_second = profile(0, kSigma_rad), by_none = profile(0, 0);
+  ASSERT_GT(by_first.size(), 50u);
+  ASSERT_EQ(by_first.size(), by_second.size());
+  for (std::size_t i = 0; i < by_first.size(); ++i) {
+    const SampleCovariance &a = by_first.covariance[i], &b = by_second.covariance[i], &none = by_none.covariance[i];
+    EXPECT_GT(a.rr, 100 * none.rr);
+    EXPECT_NEAR(b.rr / a.rr, 1, 0.02) << "one moves the sample outwards as far as the other moves it inwards";
+    EXPECT_NEAR(b.rz / a.rz, 1, 0.05);
+    const double turned_by_first = a.rt / std::sqrt(a.rr) / kSigma_rad,
+                 turned_by_second = -b.rt / std::sqrt(b.rr) / kSigma_rad;
+    EXPECT_NEAR(std::abs(turned_by_first + turned_by_second), 1, 0.02);
+  }
+}
+
+// A wall behind the table, or dirt on the lens: both pictures show it at the same place, whatever the table did.
+TEST(StereoProfile, WhatStandsStillIsNoSample) {
+  Table table("cylinder", 3, 6);
+  const auto picture = table.picture(0.2);
+  Profile profile;
+  const MatchCounts counts =
+      table.matched({picture, 0.2, 0}, {picture, 0.2 + kPairTurn_rad, 0}, {1, 0.01}).fill(profile);
+  EXPECT_GT(counts.standing, 20);
+  EXPECT_EQ(profile.size(), 0u);
 }
 
 TEST(StereoProfile, ObjectsWithoutTextureGiveNoSamples) {

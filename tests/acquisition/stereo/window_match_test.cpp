@@ -100,6 +100,7 @@ TEST(WindowMatch, GainAndOffsetChangeNothing) {
     for (std::size_t i = 0; i < plain.matches.size(); ++i) {
       EXPECT_NEAR(changed.matches[i].disparity_px, plain.matches[i].disparity_px, 1e-3);
       EXPECT_NEAR(changed.matches[i].gain, gain * plain.matches[i].gain, 0.01 * gain);
+      EXPECT_NEAR(changed.matches[i].offset, offset + gain * plain.matches[i].offset, 1);
     }
   }
 }
@@ -165,6 +166,22 @@ TEST(WindowMatch, NothingIsMatchedAcrossAnEdge) {
   EXPECT_GT(left, 50);
   EXPECT_GT(right, 50);
   EXPECT_GT(found.counts.misfit + found.counts.inconsistent + found.counts.ambiguous, 10);
+}
+
+// A strip of the first picture that the second shows as well, but only as something else's: what that place itself
+// looks like decides.
+TEST(WindowMatch, APlaceIsOfOneWindowAlone) {
+  const Waves texture(12);
+  constexpr int kFrom = 200, kStrip = 30;
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  const auto first = [&](double x, double y) {
+    return x < kFrom || x >= kFrom + kStrip ? texture(x, y) : texture(x - kStrip, y) + 6 * normal(random);
+  };
+  const auto found = match_all(drawn(first), drawn(texture), {20, 0});
+  EXPECT_GT(found.counts.inconsistent, 10);
+  EXPECT_GT(found.counts.found, 0.5 * found.counts.windows);
+  for (const WindowMatch& m : found.matches) EXPECT_NEAR(m.disparity_px, 0, 0.5) << m.x_px << " " << m.y_px;
 }
 
 TEST(WindowMatch, DifferentPicturesGiveNothing) {
