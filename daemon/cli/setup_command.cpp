@@ -1,6 +1,7 @@
 // celadon setup: from a machine out of its box to its first scan, question by question. What it does is what other
 // commands do; it shows them.
 
+#include <poll.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -40,7 +41,9 @@ struct SetupArguments {
   std::string device, camera, folder = "celadon-machine";
 };
 
-std::atomic<bool> g_stopped = false;
+constexpr int kLook_ms = 50;  // for a signal: one that comes just before a call that waits does not end it
+
+std::atomic<int> g_stopped = 0;  ///< the signal that asked for it
 
 /// Nobody answers any more, or asked to stop.
 struct Ended {
@@ -58,9 +61,11 @@ std::string answer_to(const std::string& question) {
   std::fflush(stdout);
   std::string line;
   while (true) {
+    if (g_stopped) throw Ended{kInterrupted};
+    pollfd input{STDIN_FILENO, POLLIN, 0};
+    if (::poll(&input, 1, kLook_ms) <= 0) continue;
     char c = 0;
     const ssize_t count = ::read(STDIN_FILENO, &c, 1);
-    if (g_stopped) throw Ended{kInterrupted};
     if (count < 0 && errno == EINTR) continue;
     if (count <= 0) throw Ended{fail(kNoAnswer, "the answers have ended before the questions; run it in a terminal")};
     if (c == '\n') break;
@@ -101,7 +106,13 @@ int run_celadon(const std::vector<std::string>& words) {
     ::_exit(127);
   }
   int status = -1;
-  while (child > 0 && ::waitpid(child, &status, 0) < 0 && errno == EINTR) continue;
+  bool told = false;
+  while (child > 0 && ::waitpid(child, &status, WNOHANG) == 0) {
+    ::poll(nullptr, 0, kLook_ms);
+    if (told || g_stopped != SIGTERM) continue;  // a terminal's Ctrl-C reaches it by itself
+    ::kill(child, SIGTERM);
+    told = true;
+  }
   if (g_stopped) throw Ended{kInterrupted};
   return child > 0 && WIFEXITED(status) ? WEXITSTATUS(status) : kNotKept;
 }
@@ -305,7 +316,7 @@ int set_up(const SetupArguments& a) {
   if (error) return fail(kNotKept, "the folder " + a.folder + " cannot be made: " + error.message());
   const fs::path folder = fs::absolute(a.folder, error);
   struct sigaction stop {};
-  stop.sa_handler = [](int) { g_stopped = true; };  // without SA_RESTART: a question is left at once
+  stop.sa_handler = [](int number) { g_stopped = number; };
   ::sigaction(SIGINT, &stop, nullptr);
   ::sigaction(SIGTERM, &stop, nullptr);
   try {

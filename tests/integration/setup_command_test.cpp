@@ -96,6 +96,13 @@ TEST_F(SetupCommand, WithoutAnswersItEndsSafely) {
   ASSERT_TRUE(interrupted.wait_for_output("Its address?"));
   interrupted.signal(SIGINT);
   EXPECT_EQ(interrupted.wait().exit_code, 130);
+  // Just before it begins to wait for an answer, too.
+  for (int k = 0; k < 10; ++k) {
+    Program early = start();
+    ASSERT_TRUE(early.wait_for_output(k % 2 == 0 ? "1. Camera" : "2. Controller"));
+    early.signal(k % 3 == 0 ? SIGTERM : SIGINT);
+    ASSERT_EQ(early.wait().exit_code, 130);
+  }
   const auto left = station_.state();
   EXPECT_TRUE(laser_off(left));
   EXPECT_EQ(left["motion"], "unhomed") << "nothing moved";
