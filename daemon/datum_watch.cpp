@@ -9,7 +9,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kBeyondObject_mm = 3;
+constexpr double kBeyondObject_mm = 3, kMargin_mm = 2;
 constexpr double kLargestRadius_mm = 511;  // of those that are told apart
 constexpr double kStrays = 1e-3;           // share of the samples
 constexpr std::size_t kEnoughTags = 3;
@@ -67,13 +67,15 @@ void DatumWatch::line(int laser, std::span<const std::uint8_t> picture, std::spa
   }
 }
 
+// Higher up nothing lies where the line on the platter is looked for: a belly over a foot does not, nor do strays.
 void DatumWatch::object(const Profile& profile) {
-  for (const double r : profile.r_mm) {
-    ++radii_[static_cast<std::size_t>(std::clamp(r, 0., kLargestRadius_mm))];
+  for (std::size_t i = 0; i < profile.size(); ++i) {
+    if (profile.z_mm[i] > PlatterLine::kReach_mm + kMargin_mm) continue;
+    ++radii_[static_cast<std::size_t>(std::clamp(profile.r_mm[i], 0., kLargestRadius_mm))];
   }
 }
 
-double DatumWatch::object_radius_mm() const {
+double DatumWatch::foot_radius_mm() const {
   std::uint64_t all = 0, beyond = 0;
   for (const std::uint64_t n : radii_) all += n;
   for (std::size_t r = radii_.size(); r-- > 0;) {
@@ -103,7 +105,7 @@ DatumEvidence DatumWatch::result() const {
   out.frames_with_tags = frames_with_tags_;
   out.sweep_rad_per_s = speed_rad_per_s_;
   if (tracker_) out.reading = read_datum(calibration_, all_sightings());
-  const double beyond_mm = object_radius_mm() + kBeyondObject_mm;
+  const double beyond_mm = foot_radius_mm() + kBeyondObject_mm;
   for (const Watched& watched : lines_) {
     out.lines.push_back({watched.shining, watched.line.laser(), watched.line.heights(beyond_mm)});
   }

@@ -53,8 +53,8 @@ class DatumWatch {
   DatumEvidence result() const;
 
  private:
-  /// Radius within which all but one in a thousand of the object's samples lie.
-  double object_radius_mm() const;
+  /// Radius within which all but one in a thousand of the object's samples near the platter lie.
+  double foot_radius_mm() const;
   std::vector<DatumSighting> all_sightings() const;
 
   const Calibration calibration_;
@@ -70,7 +70,7 @@ class DatumWatch {
     PlatterLine line;
   };
   std::vector<Watched> lines_;
-  std::array<std::uint64_t, 512> radii_{};  ///< samples of the object by their distance from the axis, 1 mm
+  std::array<std::uint64_t, 512> radii_{};  ///< samples near the platter by their distance from the axis, 1 mm
 };
 
 }  // namespace celadon
