@@ -19,6 +19,7 @@ constexpr double kFewestOfEach = 8;    // of each laser in a cell
 constexpr double kLeastSpread = 0.01;  // variance in widths of a cell, of which even samples have 1/12
 constexpr std::size_t kFewestCells = 16;
 constexpr double kMostScatter = 3;  // of the samples in a cell, times the median cell's: steps, edges, steep walls
+constexpr double kMostOfSurface_mm = 0.5;  // what gloss makes of two lasers is less
 
 }  // namespace
 
@@ -171,6 +172,10 @@ AgreementCause cause_of(const AgreementError& e) {
     std::snprintf(text, sizeof text, "the plane of laser %d or %d is no longer where it was calibrated", e.first,
                   e.second);
     return {text, "check the mounts of lasers and camera, then calibrate the machine again"};
+  }
+  if (e.rms > kMostOfSurface_mm) {
+    return {"lasers that are swapped, or reflections that are taken for the line",
+            "compare the lasers' cables with the calibration, dull the surface, and scan again"};
   }
   return {"gloss, light from below the surface or stray light, which each laser meets at another angle",
           "dull the surface, or scan with one laser"};

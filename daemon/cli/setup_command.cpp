@@ -41,7 +41,7 @@ struct SetupArguments {
   std::string device, camera, folder = "celadon-machine";
 };
 
-constexpr int kLook_ms = 50;  // for a signal: one that comes just before a call that waits does not end it
+constexpr int kLook_ms = 50;  // how often a signal is looked for: one that comes just before a call would not end it
 
 std::atomic<int> g_stopped = 0;  ///< the signal that asked for it
 

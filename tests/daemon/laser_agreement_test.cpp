@@ -104,6 +104,13 @@ TEST(LaserAgreement, AnythingElseIsTheSurface) {
   EXPECT_NE(cause_of(*error).cause.find("gloss"), std::string::npos) << cause_of(*error).cause;
 }
 
+// Gloss and light from below the surface are tenths of a millimetre.
+TEST(LaserAgreement, WhatNoSurfaceDoesIsSwappedLasers) {
+  const auto error = seen_by_two(cylinder, [](double theta, double) { return 1.5 * std::cos(5 * theta); }).result();
+  ASSERT_TRUE(error);
+  EXPECT_NE(cause_of(*error).cause.find("swapped"), std::string::npos) << cause_of(*error).cause;
+}
+
 // A step of 5 mm inside some cells says nothing of the lasers.
 TEST(LaserAgreement, StepsAreLeftOut) {
   const auto error = seen_by_two([](double, double z) { return z < 43.3 ? 30. : 25.; }, none).result();

@@ -74,6 +74,25 @@ TEST_F(SetupCommand, AMirroredPictureIsNamed) {
   expect_safe(station_);
 }
 
+// The signal is for setup alone; the command that it runs would wait for a board for ever.
+TEST_F(SetupCommand, EndedItEndsTheCommandThatItRuns) {
+  put("cylinder");
+  Program setup({"celadon", "setup", "--camera", station_.camera, "--device", station_.url, "-o", machine_}, 0,
+                Program::Input::answers);
+  ASSERT_TRUE(setup.answer("Take everything off the table", ""));
+  ASSERT_TRUE(setup.answer("Stand something bright", "")) << setup.wait().err;
+  ASSERT_TRUE(setup.answer("Watch the table", "")) << setup.wait().err;
+  ASSERT_TRUE(setup.answer("Did it turn", "ccw")) << setup.wait().err;
+  ASSERT_TRUE(setup.answer("Which board?", "")) << setup.wait().err;
+  ASSERT_TRUE(setup.answer("Its width", "")) << setup.wait().err;
+  ASSERT_TRUE(setup.answer("Its height", "")) << setup.wait().err;
+  ASSERT_TRUE(setup.wait_for_output("> Hold the board")) << setup.wait().err;
+  setup.signal(SIGTERM);
+  EXPECT_EQ(setup.wait().exit_code, 130);
+  EXPECT_FALSE(fs::exists(machine_ + "/scanner.toml"));
+  expect_safe(station_);
+}
+
 TEST_F(SetupCommand, AnOpenInterlockIsSaidAndTriedAgain) {
   ask_simulator(station_.folder.path(), "fault interlock-open");
   Program setup({"celadon", "setup", "--camera", station_.camera, "--device", station_.url, "-o", machine_}, 0,
