@@ -29,7 +29,7 @@ using namespace calibration_sections;
 
 constexpr std::size_t kLargestCalibration = std::size_t{1} << 20;
 constexpr double kRotationTolerance = 1e-9;
-constexpr int kMajor = 1, kMinor = 2;
+constexpr int kMajor = 1, kMinor = 3;
 constexpr const char* kFormat = "celadon-calibration";
 constexpr std::array<const char*, 5> kDistortionKeys{"k1", "k2", "p1", "p2", "k3"};
 
@@ -195,6 +195,26 @@ CalibrationCovariance covariance_of(Section& root, const Calibration& calibratio
   return out;
 }
 
+TableEncoder encoder_of(Section& section) {
+  // An encoder that errs by more within a turn than by half a turn would turn back somewhere.
+  constexpr double kLargest = 0.5;  // of the scale
+  TableEncoder out;
+  out.scale = section.positive("scale");
+  out.direction = section.number("direction");
+  if (out.direction != 1 && out.direction != -1) {
+    section.refuse(section.node("direction"), "direction", "is " + number_text(out.direction) + " and must be 1 or -1");
+  }
+  if (section.has("cos_rad")) out.cos_rad = section.measured("cos_rad");
+  if (section.has("sin_rad")) out.sin_rad = section.measured("sin_rad");
+  for (const auto& [key, number] : {std::pair{"cos_rad", out.cos_rad}, std::pair{"sin_rad", out.sin_rad}}) {
+    if (std::abs(number.value) > kLargest * out.scale.value) {
+      section.refuse(section.node(key), key,
+                     "is " + number_text(number.value) + " and must be within half of the scale; calibrate again");
+    }
+  }
+  return out;
+}
+
 Calibration calibration_of(const toml::table& table, const std::string& name) {
   Section root(table, name, "");
   const bool newer = check_version(root);
@@ -213,11 +233,7 @@ Calibration calibration_of(const toml::table& table, const std::string& name) {
   out.axis = axis_of(root);
 
   Section encoder = root.section("encoder");
-  out.encoder_scale = encoder.positive("scale");
-  out.direction = encoder.number("direction");
-  if (out.direction != 1 && out.direction != -1) {
-    encoder.refuse(encoder.node("direction"), "direction", "is " + number_text(out.direction) + " and must be 1 or -1");
-  }
+  out.encoder = encoder_of(encoder);
   encoder.finish();
 
   Section geometry = root.section("geometry");
@@ -346,8 +362,13 @@ std::string format_calibration(const Calibration& calibration) {
   line("u_position_mm", number_text(calibration.axis.u_position_mm));
 
   out += "\n[encoder]\n";
-  line("scale", measured_text(calibration.encoder_scale));
-  line("direction", calibration.direction < 0 ? "-1" : "1");
+  const TableEncoder& encoder = calibration.encoder;
+  line("scale", measured_text(encoder.scale));
+  line("direction", encoder.direction < 0 ? "-1" : "1");
+  if (encoder.cos_rad != Measured{} || encoder.sin_rad != Measured{}) {
+    line("cos_rad", measured_text(encoder.cos_rad));
+    line("sin_rad", measured_text(encoder.sin_rad));
+  }
   out += "\n[geometry]\n";
   line("scale", measured_text(calibration.scale));
   line("systematic_mm", number_text(calibration.systematic_mm));

@@ -13,14 +13,10 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/axis_stop.h"
+#include "acquisition/measured.h"
+#include "acquisition/table_encoder.h"
 
 namespace celadon {
-
-/// A number and its standard uncertainty (same unit).
-struct Measured {
-  double value = 0, u = 0;
-  bool operator==(const Measured&) const = default;
-};
 
 /// Pinhole with Brown-Conrady distortion (OpenCV's order k1 k2 p1 p2 k3). Pixel centres at whole numbers.
 struct CameraModel {
@@ -99,11 +95,10 @@ struct Calibration {
   CameraModel camera_model;
   std::vector<LaserPlane> lasers;
   AxisPose axis;
-  Measured encoder_scale{1, 0};  ///< true angle / encoder angle
-  double direction = 1;          ///< +1: table turns counter-clockwise seen from above for rising encoder angles
-  Measured scale{1, 0.003};      ///< true length / model length
-  double systematic_mm = 0;      ///< systematic uncertainty of a radius: form tolerance of the model selection
-  double u_drift_mm = 0;         ///< of a radius, by what changes between calibration and scan
+  TableEncoder encoder;
+  Measured scale{1, 0.003};  ///< true length / model length
+  double systematic_mm = 0;  ///< systematic uncertainty of a radius: form tolerance of the model selection
+  double u_drift_mm = 0;     ///< of a radius, by what changes between calibration and scan
   TimeModel time;
   std::optional<ElevationAxis> elevation;  ///< nullopt: the machine has none, or it is not calibrated
   std::optional<LiftAxis> lift;            ///< likewise

@@ -59,7 +59,16 @@ Change axis_change(std::string_view name) {
   if (name == "axis.x_mm") return shift(0);
   if (name == "axis.y_mm") return shift(1);
   if (name == "platter.height_mm") return shift(2);
-  if (name == "encoder.scale") return [](Calibration& c, double step) { c.encoder_scale.value += step; };
+  return {};
+}
+
+Change encoder_change(std::string_view name) {
+  const auto moved = [](Measured TableEncoder::*number) -> Change {
+    return [number](Calibration& c, double step) { (c.encoder.*number).value += step; };
+  };
+  if (name == "encoder.scale") return moved(&TableEncoder::scale);
+  if (name == "encoder.cos_rad") return moved(&TableEncoder::cos_rad);
+  if (name == "encoder.sin_rad") return moved(&TableEncoder::sin_rad);
   return {};
 }
 
@@ -127,6 +136,7 @@ Change laser_change(const Calibration& calibration, std::string_view name) {
 Change change_of(const Calibration& calibration, const std::string& name) {
   if (Change change = camera_change(name)) return change;
   if (Change change = axis_change(name)) return change;
+  if (Change change = encoder_change(name)) return change;
   if (Change change = elevation_change(calibration, name)) return change;
   if (Change change = lift_change(calibration, name)) return change;
   return laser_change(calibration, name);

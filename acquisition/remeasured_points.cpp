@@ -47,7 +47,6 @@ Eigen::Matrix3Xd remeasured(const ScannedPoints& points, const Calibration& meas
   const Lens lens(measured_with.camera_model), other_lens(other.camera_model);
   AxisStop stop;
   Eigen::Affine3d X_CW = camera_to_object(measured_with, stop).inverse(), other_X_WC = camera_to_object(other, stop);
-  const double turn_ratio = other.encoder_scale.value / measured_with.encoder_scale.value;
   Eigen::Matrix3Xd out(3, points.p_mm.cols());
   for (Eigen::Index i = 0; i < out.cols(); ++i) {
     const auto at = static_cast<std::size_t>(i);
@@ -63,7 +62,7 @@ Eigen::Matrix3Xd remeasured(const ScannedPoints& points, const Calibration& meas
     const Eigen::Vector3d direction(ray.a, ray.b, 1);
     const LaserPlane& plane = plane_of(other, points.laser[at]);
     const Eigen::Vector3d moved_C = direction * (plane.distance_mm / plane.normal_C.dot(direction));
-    out.col(i) = turned(other_X_WC * moved_C, -angle * turn_ratio);
+    out.col(i) = turned(other_X_WC * moved_C, -other.encoder.table_rad(measured_with.encoder.encoder_rad(angle)));
   }
   return out;
 }

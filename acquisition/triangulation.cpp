@@ -71,7 +71,7 @@ Triangulator::Triangulator(const Calibration& calibration, int laser, const Scan
       width_px_(calibration.camera_model.width_px),
       height_px_(calibration.camera_model.height_px),
       volume_(volume),
-      turn_(calibration.direction * calibration.encoder_scale.value),
+      encoder_(calibration.encoder),
       time_(calibration.time) {
   const auto plane = std::find_if(calibration.lasers.begin(), calibration.lasers.end(),
                                   [&](const LaserPlane& candidate) { return candidate.laser == laser; });
@@ -136,7 +136,7 @@ Triangulator::Counts Triangulator::triangulate(std::span<const LineRow> rows, co
   const double middle_row = 0.5 * (static_cast<double>(image_rows) - 1);
   profile.time_ns = row_instant_ns(frame, middle_row);
   const Angle middle = angle_at(profile.time_ns);
-  profile.table_angle_rad = middle ? turn_ * middle->angle_rad : 0;
+  profile.table_angle_rad = middle ? encoder_.table_rad(middle->angle_rad) : 0;
 
   // Rows that share two instants of the table's motion.
   const double line_time_ns = std::abs(time_.line_time_ns.value);
@@ -144,9 +144,13 @@ Triangulator::Counts Triangulator::triangulate(std::span<const LineRow> rows, co
                                 ? std::max<std::size_t>(image_rows, 1)
                                 : std::max<std::size_t>(static_cast<std::size_t>(kAngleStepNs / line_time_ns), 1);
   std::vector<Angle> angles;
+  std::vector<double> block_rad;  // of the table
   for (std::size_t first = 0; first < image_rows + block; first += block) {
     angles.push_back(line_time_ns == 0 ? middle : angle_at(row_instant_ns(frame, static_cast<double>(first))));
+    block_rad.push_back(angles.back() ? encoder_.table_rad(angles.back()->angle_rad) : 0);
   }
+
+  const double rate = middle ? encoder_.rate(middle->angle_rad) : encoder_.direction * encoder_.scale.value;
 
   Counts counts;
   const int length_px = along_ == LineAlong::rows ? width_px_ : height_px_;
@@ -173,16 +177,16 @@ Triangulator::Counts Triangulator::triangulate(std::span<const LineRow> rows, co
       continue;
     }
     const double share = (image_row - static_cast<double>(at * block)) / static_cast<double>(block);
-    const double table_rad = turn_ * (before->angle_rad + share * (after->angle_rad - before->angle_rad));
+    const double table_rad = block_rad[at] + share * (block_rad[at + 1] - block_rad[at]);
     const double sigma_px = std::max<double>(row.sigma_px, kSmallestSigmaPx), variance_px = sigma_px * sigma_px;
     // The table turns by `smear` while the row is exposed; where in it the light came from is unknown.
-    const double sigma_turn = turn_ * std::max(before->sigma_rad, after->sigma_rad);
-    const double smear = turn_ * before->speed_rad_per_s * static_cast<double>(frame.exposure_ns) * 1e-9;
+    const double sigma_turn = rate * std::max(before->sigma_rad, after->sigma_rad);
+    const double smear = rate * before->speed_rad_per_s * static_cast<double>(frame.exposure_ns) * 1e-9;
     const double turn_variance = sigma_turn * sigma_turn + smear * smear / 12;
     // Along columns another position is another row, at another angle.
     const double theta_by_px = along_ == LineAlong::rows
                                    ? p.theta_by_px
-                                   : p.theta_by_px - turn_ * before->speed_rad_per_s * 1e-9 * time_.line_time_ns.value;
+                                   : p.theta_by_px - rate * before->speed_rad_per_s * 1e-9 * time_.line_time_ns.value;
     profile.r_mm.push_back(p.r_mm);
     profile.theta_rad.push_back(wrapped(p.theta_rad - table_rad));
     profile.z_mm.push_back(p.z_mm);

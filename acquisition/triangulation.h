@@ -92,7 +92,7 @@ class Triangulator {
   LineAlong along_ = LineAlong::rows;
   int width_px_ = 0, height_px_ = 0;
   ScanVolume volume_;
-  double turn_ = 1;           ///< true counter-clockwise angle per encoder angle
+  TableEncoder encoder_;
   Eigen::Vector3d normal_C_;  ///< of the laser plane
   double distance_mm_ = 0;
   Eigen::Matrix3d R_WC_;  ///< camera to object's frame at table angle 0, scaled

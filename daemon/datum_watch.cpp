@@ -45,15 +45,15 @@ DatumWatch::~DatumWatch() = default;
 
 void DatumWatch::at_rest(std::span<const std::uint8_t> picture, double encoder_rad) {
   if (!tracker_ || picture.empty()) return;
-  const double angle = calibration_.direction * calibration_.encoder_scale.value * encoder_rad;
+  const double angle = calibration_.encoder.table_rad(encoder_rad);
   at_rest_ = tracker_->track(mode_, picture, [&](double) { return angle; });
 }
 
 void DatumWatch::see(std::span<const std::uint8_t> picture, const std::function<double(double)>& encoder_at,
                      double turned_rad, double speed_rad_per_s) {
   if (!tracker_) return;
-  const double turn = calibration_.direction * calibration_.encoder_scale.value;
-  const auto& seen = tracker_->track(mode_, picture, [&](double row) { return turn * encoder_at(row); });
+  const auto& seen =
+      tracker_->track(mode_, picture, [&](double row) { return calibration_.encoder.table_rad(encoder_at(row)); });
   ++frames_;
   if (seen.size() >= kEnoughTags) ++frames_with_tags_;
   for (const TagSighting& tag : seen) sightings_.push_back({tag, turned_rad});

@@ -41,13 +41,20 @@ struct Turn {
         pitch_rad(kTurn_rad / profiles),
         overlap_profiles(std::max(4, profiles / 60)),
         overlap_rad(overlap_profiles * pitch_rad),
-        encoder_per_true(1 / equipment.calibration.encoder_scale.value) {}
+        encoder_per_true(1 / equipment.calibration.encoder.scale.value),
+        encoder(equipment.calibration.encoder) {}
   explicit Turn(const CaptureTools& tools) : Turn(tools.equipment, tools.request.profiles) {}
   int profiles;
   double pitch_rad;
   int overlap_profiles;
   double overlap_rad;
-  double encoder_per_true;
+  double encoder_per_true;  ///< over a whole turn
+  TableEncoder encoder;
+
+  /// True angle from one of the encoder's angles to another, positive where that rises.
+  double turned_rad(double from_encoder_rad, double to_encoder_rad) const {
+    return encoder.direction * (encoder.table_rad(to_encoder_rad) - encoder.table_rad(from_encoder_rad));
+  }
 };
 
 /// How far the table goes for one turn: angles of the encoder from where it stands.
@@ -282,7 +289,7 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
       feed.verdict(info, FrameVerdict::no_angle);
       continue;
     }
-    const double turned = (angle->angle_rad - start) / turn.encoder_per_true;
+    const double turned = turn.turned_rad(start, angle->angle_rad);
     if (turned >= end_turned) break;
     if (at_rest > kFramesAtRest) {
       return capture_failed("The table stopped after " + degrees(std::max(turned, 0.)) + " of " + degrees(end_turned) +
@@ -370,7 +377,7 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
     }
     if (!start) start = info.table_angle_rad;
     // Recordings may turn either way.
-    double turned = std::abs(info.table_angle_rad - *start) / turn.encoder_per_true;
+    double turned = std::abs(turn.turned_rad(*start, info.table_angle_rad));
     if (info.use == FrameUse::overlap) turned = std::max(turned, kTurn_rad);
     const FrameAngle angle{{info.table_angle_rad, info.table_angle_sigma_rad, info.table_speed_rad_per_s},
                            middle_of(tools, info)};

@@ -50,7 +50,7 @@ StereoCapture::StereoCapture(const ScanEquipment& equipment, const ScanRequest& 
     : equipment_(equipment),
       request_(request),
       feed_(feed),
-      pitch_rad_(kWholeTurn_rad / request.profiles / equipment.calibration.encoder_scale.value),
+      pitch_rad_(kWholeTurn_rad / request.profiles / equipment.calibration.encoder.scale.value),
       apart_(std::max(1, static_cast<int>(std::lround(kPairTurn_rad * request.profiles / kWholeTurn_rad)))),
       sigma_rad_(equipment.device->capabilities().encoder_resolution_rad / std::sqrt(12.)) {
   share_.pair_rad = apart_ * kWholeTurn_rad / request.profiles;

@@ -440,8 +440,9 @@ Calibration DeviceModel::calibration() const {
     l.u_direction_rad = 1e-9;
     l.scale = {o.axes.lift->scale, 1e-9};
   }
-  c.encoder_scale = {1, 1e-9};
-  c.direction = 1;
+  // e (sin(b + phase) - sin(phase)), as turntable.h has it.
+  const double e = config_.turntable.encoder_eccentricity_rad;
+  c.encoder = {{1, 1e-9}, {e * std::sin(kEccentricPhase_rad), 1e-9}, {e * std::cos(kEccentricPhase_rad), 1e-9}, 1};
   c.scale = {1, 1e-9};
   c.systematic_mm = 2.5 * o.sheet.sigma_mm * o.sheet.sigma_mm / 30;  // README.md, "What a line really shows"
   c.time.stamp_offset_ns = {-static_cast<double>(config_.camera.stamp_latency_ns), 1};

@@ -8,7 +8,6 @@ namespace celadon::sim {
 namespace {
 
 constexpr double kTwoPi = 2 * std::numbers::pi;
-constexpr double kEccentric_rad = 0.8;  // where the encoder disc lies off its centre
 
 double seconds(std::int64_t ns) {
   return static_cast<double>(ns) * 1e-9;
@@ -98,14 +97,15 @@ double Turntable::table_angle_rad(std::int64_t now_ns) {
   advance(now_ns);
   const double angle = after_backlash(motor(now_ns).position) - deflection(now_ns).position;
   if (config_.encoder_eccentricity_rad == 0) return angle;
-  return angle + config_.encoder_eccentricity_rad * (std::sin(angle + kEccentric_rad) - std::sin(kEccentric_rad));
+  return angle +
+         config_.encoder_eccentricity_rad * (std::sin(angle + kEccentricPhase_rad) - std::sin(kEccentricPhase_rad));
 }
 
 double Turntable::table_speed_rad_per_s(std::int64_t now_ns) {
   const double speed = gear_ * motor(now_ns).speed - deflection(now_ns).speed;
   if (config_.encoder_eccentricity_rad == 0) return speed;
   const double angle = after_backlash(motor(now_ns).position) - deflection(now_ns).position;
-  return speed * (1 + config_.encoder_eccentricity_rad * std::cos(angle + kEccentric_rad));
+  return speed * (1 + config_.encoder_eccentricity_rad * std::cos(angle + kEccentricPhase_rad));
 }
 
 double Turntable::encoder_rad(std::int64_t now_ns) {

@@ -8,6 +8,9 @@
 
 namespace celadon::sim {
 
+/// Where the encoder's disc lies off its centre.
+constexpr double kEccentricPhase_rad = 0.8;
+
 struct TurntableConfig {
   double max_speed_rad_per_s = 3.141592653589793;        ///< 180 deg/s
   double max_acceleration_rad_per_s2 = 17.453292519943;  ///< 1000 deg/s^2
@@ -18,8 +21,8 @@ struct TurntableConfig {
   double settle_time_s = 0.1;              ///< the drive reports settling this long after the motor stands
   double backlash_rad = 0;                 ///< play between motor and table; the encoder sits on the motor's side
   std::uint32_t encoder_counts = 144'000;  ///< per turn: 0.0025 deg
-  double encoder_eccentricity_rad = 0;     ///< e: at encoder angle b the table stands at b + e (sin(b + 0.8) - sin 0.8)
-  double start_angle_rad = 1.0;            ///< where the table stands at power-on, counted from the index
+  double encoder_eccentricity_rad = 0;  ///< e: at encoder angle b the table is at b + e (sin(b + phase) - sin(phase))
+  double start_angle_rad = 1.0;         ///< where the table stands at power-on, counted from the index
 };
 
 /// Angles in radians, unwrapped, counter-clockwise from above. The mechanical angle is 0 at the index mark; the

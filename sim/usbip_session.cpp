@@ -44,7 +44,7 @@ void UsbipSession::receive(std::span<const std::uint8_t> bytes, Offer offer) {
 
 void UsbipSession::put_device_record() {
   const Bytes d = device_.device_descriptor();
-  put_text(output_, std::string("/sys/devices/celadon-sim/") + kBusId, kPathBytes);
+  put_text(output_, "/sys/devices/celadon-sim/" + std::string(kBusId), kPathBytes);
   put_text(output_, kBusId, kBusIdBytes);
   put_big(output_, kDeviceId >> 16, 4);
   put_big(output_, kDeviceId & 0xffff, 4);

@@ -65,7 +65,8 @@ bool finite(const Estimate& estimate) {
   if (estimate.lift && !(estimate.lift->direction_C.allFinite() && std::isfinite(estimate.lift->scale))) return false;
   return estimate.camera[0] > 0 && estimate.camera[1] > 0 && estimate.pitch.allFinite() &&
          estimate.sag_mm.allFinite() &&
-         (!estimate.axis || (estimate.axis->direction_C.allFinite() && estimate.axis->point_C.allFinite()));
+         (!estimate.axis || (estimate.axis->direction_C.allFinite() && estimate.axis->point_C.allFinite() &&
+                             estimate.axis->once_a_turn_rad.allFinite()));
 }
 
 }  // namespace
@@ -116,7 +117,7 @@ SharedLayout::SharedLayout(const Estimate& estimate) {
   if (estimate.axis) {
     axis = size;
     turn = size + 4;
-    size += 5;
+    size += 7;
   }
   for (std::size_t i = 0; i < estimate.planes.size(); ++i, size += 3) planes.push_back(size);
   if (estimate.platter) {
@@ -140,7 +141,7 @@ SharedInformation shared_information(const Observations& observations, const Est
   column[parameters.camera.data()] = layout.camera;
   column[parameters.print.data()] = layout.print;
   if (layout.axis >= 0) column[parameters.axis.data()] = layout.axis;
-  if (layout.turn >= 0) column[&parameters.turn] = layout.turn;
+  if (layout.turn >= 0) column[parameters.turn.data()] = layout.turn;
   if (layout.platter >= 0) column[parameters.platter.data()] = layout.platter;
   if (layout.elevation >= 0) column[parameters.elevation.data()] = layout.elevation;
   if (layout.lift >= 0) column[parameters.lift.data()] = layout.lift;

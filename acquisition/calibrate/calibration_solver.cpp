@@ -130,8 +130,12 @@ Calibration calibration_of(const CalibrationInput& input, const Estimate& estima
   out.axis.X_CW = scanner_frame(estimate);
   out.axis.u_direction_rad = uncertainty.worst_of_two(layout.axis);
   out.axis.u_position_mm = uncertainty.worst_of_two(layout.axis + 2);
-  out.encoder_scale = {std::abs(estimate.axis->turn), uncertainty.of(layout.turn)};
-  out.direction = estimate.axis->turn < 0 ? -1 : 1;
+  const AxisEstimate& axis = *estimate.axis;
+  const double direction = axis.turn < 0 ? -1 : 1;
+  out.encoder = {{direction * axis.turn, uncertainty.of(layout.turn)},
+                 {direction * axis.once_a_turn_rad.x(), uncertainty.of(layout.turn + 1)},
+                 {direction * axis.once_a_turn_rad.y(), uncertainty.of(layout.turn + 2)},
+                 direction};
   out.scale = {1, uncertainty.scale()};
   out.systematic_mm = uncertainty.radius(Uncertainty::Scale::included);
   set_axes(estimate, uncertainty, out);

@@ -29,6 +29,16 @@ MovedDirection moved_direction(const Vector3d& d0, const Tangents& tangents, con
   return {d, (tangents - d * (d.transpose() * tangents)) / length};
 }
 
+double AxisEstimate::turned_rad(double from_encoder_rad, double to_encoder_rad) const {
+  const Vector2d apart(std::cos(to_encoder_rad) - std::cos(from_encoder_rad),
+                       std::sin(to_encoder_rad) - std::sin(from_encoder_rad));
+  return turn * (to_encoder_rad - from_encoder_rad) + once_a_turn_rad.dot(apart);
+}
+
+double AxisEstimate::rate(double encoder_rad) const {
+  return turn + once_a_turn_rad.dot(Vector2d(-std::sin(encoder_rad), std::cos(encoder_rad)));
+}
+
 Tangents tangents_across(const Vector3d& direction) {
   Tangents out;
   out.col(0) = direction.unitOrthogonal();
@@ -39,7 +49,7 @@ Tangents tangents_across(const Vector3d& direction) {
 Parameters::Parameters(const Estimate& about)
     : camera(about.camera),
       print{about.pitch.x(), about.pitch.y(), about.sag_mm.x(), about.sag_mm.y(), about.sag_mm.z()} {
-  if (about.axis) turn = about.axis->turn;
+  if (about.axis) turn = {about.axis->turn, about.axis->once_a_turn_rad.x(), about.axis->once_a_turn_rad.y()};
   if (about.elevation) elevation[4] = about.elevation->scale;
   if (about.lift) lift[2] = about.lift->scale;
   if (about.platter) platter = {about.platter->height_mm, about.platter->slope.x(), about.platter->slope.y()};
@@ -55,7 +65,8 @@ Estimate Parameters::moved(const Estimate& about) const {
   if (out.axis) {
     out.axis->direction_C = moved_direction(about.axis->direction_C, about.axis->across_C, axis.data()).d;
     out.axis->point_C += about.axis->across_C * Vector2d(axis[2], axis[3]);
-    out.axis->turn = turn;
+    out.axis->turn = turn[0];
+    out.axis->once_a_turn_rad = {turn[1], turn[2]};
   }
   if (out.platter) out.platter = PlatterEstimate{platter[0], {platter[1], platter[2]}};
   if (out.elevation) {

@@ -29,6 +29,13 @@ struct AxisEstimate {
   Eigen::Vector3d point_C = Eigen::Vector3d::Zero();
   Tangents across_C = Tangents::Zero();
   double turn = 1;  ///< counter-clockwise angle about the direction per encoder angle: direction x scale
+  /// What the encoder errs by once a turn, about the direction: of the cosine and the sine of its angle.
+  Eigen::Vector2d once_a_turn_rad = Eigen::Vector2d::Zero();
+
+  /// Angle about the direction from one angle of the encoder to another: equation (6).
+  double turned_rad(double from_encoder_rad, double to_encoder_rad) const;
+  /// Its derivative by the latter.
+  double rate(double encoder_rad) const;
 };
 
 /// The platter's surface above the axis point: height + slope . (across^T (p - point)), along the axis.
@@ -102,7 +109,7 @@ struct Parameters {
   CameraParameters camera;
   std::array<double, 5> print;  ///< pitch, sag
   std::array<double, 4> axis{};
-  double turn = 1;
+  std::array<double, 3> turn{1, 0, 0};  ///< per encoder angle, once a turn
   std::array<double, 3> platter{};
   std::array<double, 5> elevation{};  ///< tilts, shifts, scale
   std::array<double, 3> lift{};       ///< tilts, scale

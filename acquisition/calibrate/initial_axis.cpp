@@ -187,7 +187,7 @@ void gather_placements(Estimate& estimate, Observations& observations) {
   }
   for (ViewObservation& view : observations.views) {
     if (view.turned() && pose_of_placement.count(view.placement) > 0) {
-      view.angle_rad = view.encoder_rad - reference[view.placement];
+      view.reference_rad = reference[view.placement];
       view.pose = pose_of_placement[view.placement];
     } else {
       poses.push_back(estimate.X_CB[static_cast<std::size_t>(view.pose)]);

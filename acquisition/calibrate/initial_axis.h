@@ -14,7 +14,7 @@ namespace celadon::calibrate {
 std::optional<AxisEstimate> initial_axis(const Estimate& estimate, const Observations& observations);
 
 /// Makes one pose of those of each placement's views with head and lift at 0: the one that most of them agree with.
-/// Sets pose and angle_rad of all its views.
+/// Sets pose and reference_rad of all its views.
 /// @pre estimate.axis, and a pose for each view
 void gather_placements(Estimate& estimate, Observations& observations);
 

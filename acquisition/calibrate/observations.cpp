@@ -95,7 +95,7 @@ Eigen::Isometry3d pose_at_zero(const Estimate& estimate, const ViewObservation& 
   const Eigen::Isometry3d& X_CB = estimate.X_CB[static_cast<std::size_t>(view.pose)];
   if (!view.turned() || !estimate.axis) return X_CB;
   const AxisEstimate& axis = *estimate.axis;
-  const Eigen::AngleAxisd turn(axis.turn * view.angle_rad, axis.direction_C);
+  const Eigen::AngleAxisd turn(axis.turned_rad(view.reference_rad, view.encoder_rad), axis.direction_C);
   return Eigen::Translation3d(axis.point_C) * turn * Eigen::Translation3d(-axis.point_C) * X_CB;
 }
 

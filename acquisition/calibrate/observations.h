@@ -45,7 +45,7 @@ struct ViewObservation {
   int placement = -1;  ///< -1: held
   int pose = 0;        ///< in Estimate::X_CB
   double encoder_rad = 0;
-  double angle_rad = 0;  ///< encoder angle from the placement's reference
+  double reference_rad = 0;  ///< encoder angle at which its pose is that of Estimate::X_CB
   AxisStop stop;
   bool used = true;
   std::vector<CornerObservation> corners;

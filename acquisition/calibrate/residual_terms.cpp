@@ -274,6 +274,12 @@ std::vector<Term> terms_of(const Observations& observations, const Estimate& est
     A(0, 1) = A(1, 2) = 1 / kPlatterSlopePrior;
     add(std::make_unique<ceres::NormalPrior>(A, Eigen::Vector3d::Zero()), {parameters.platter.data()});
   }
+  if (estimate.axis) {
+    // Of the scale a prior says nothing.
+    Eigen::MatrixXd A = Eigen::MatrixXd::Zero(2, 3);
+    A(0, 1) = A(1, 2) = 1 / kOnceATurnPrior_rad;
+    add(std::make_unique<ceres::NormalPrior>(A, Eigen::Vector3d::Zero()), {parameters.turn.data()});
+  }
   Eigen::Vector<double, 5> print, u_print;
   print << observations.pitch_x.value, observations.pitch_y.value, 0, 0, 0;
   u_print << observations.pitch_x.u, observations.pitch_y.u, kSagPrior_mm, kSagPrior_mm, kSagPrior_mm;

@@ -36,7 +36,7 @@ struct Placement {
 struct PassingCorner {
   Eigen::Vector3d at_reference_C;  ///< on the board of the placement
   Eigen::Vector2d p_px;
-  double sigma_px = 0, from_reference_rad = 0;
+  double sigma_px = 0, reference_rad = 0, encoder_rad = 0;
   bool used = true;
 };
 
@@ -47,9 +47,10 @@ struct Predicted {
 std::optional<Predicted> predict(const Estimate& estimate, const PassingCorner& corner, double ahead_rad) {
   const AxisEstimate& axis = *estimate.axis;
   const Eigen::Vector3d from_axis =
-      Eigen::AngleAxisd(axis.turn * (corner.from_reference_rad + ahead_rad), axis.direction_C) *
+      Eigen::AngleAxisd(axis.turned_rad(corner.reference_rad, corner.encoder_rad + ahead_rad), axis.direction_C) *
       (corner.at_reference_C - axis.point_C);
-  const Eigen::Vector3d p = axis.point_C + from_axis, move = axis.turn * axis.direction_C.cross(from_axis);
+  const Eigen::Vector3d p = axis.point_C + from_axis;
+  const Eigen::Vector3d move = axis.rate(corner.encoder_rad + ahead_rad) * axis.direction_C.cross(from_axis);
   if (!(p.z() > 0)) return std::nullopt;
   const Projection at = project(estimate.camera.data(), p.x() / p.z(), p.y() / p.z());
   const Eigen::Vector2d ray_by_angle = (move.head<2>() - p.head<2>() / p.z() * move.z()) / p.z();
@@ -74,7 +75,7 @@ std::optional<SweepAngles> angles_of(const BoardSweep& sweep, const Placement& p
       const auto place = places.find(corner.id);
       if (place == places.end()) continue;
       corners.push_back({placement.X_CB * on_board(estimate, place->second), corner.p_px, corner.sigma_px,
-                         view.at_stamp.angle_rad - placement.reference_rad});
+                         placement.reference_rad, view.at_stamp.angle_rad});
       out.row += corner.p_px.y();
     }
   }
@@ -161,8 +162,7 @@ std::optional<TimeEstimate> estimate_time(const std::vector<BoardSweep>& sweeps,
   std::map<int, Placement> placements;
   for (const ViewObservation& view : observations.views) {
     if (!view.turned() || !view.used) continue;
-    placements[view.placement] = {estimate.X_CB[static_cast<std::size_t>(view.pose)],
-                                  view.encoder_rad - view.angle_rad};
+    placements[view.placement] = {estimate.X_CB[static_cast<std::size_t>(view.pose)], view.reference_rad};
   }
   std::vector<SweepAngles> seen;
   std::map<int, Eigen::Index> column_of;  // of a placement

@@ -58,8 +58,8 @@ Uncertainty::Uncertainty(const Estimate& estimate, SharedInformation information
   information_.covariance =
       with_shared_errors(inflation_ * inflation_ * information_.covariance, inflation_, information_.groupings);
   if (estimate.axis->turn < 0) {
-    information_.covariance.row(layout_.turn) *= -1;
-    information_.covariance.col(layout_.turn) *= -1;
+    information_.covariance.middleRows<3>(layout_.turn) *= -1;
+    information_.covariance.middleCols<3>(layout_.turn) *= -1;
   }
   const Eigen::MatrixXd by_estimated = in_scanner_frame(estimate, layout_);
   information_.covariance = by_estimated * information_.covariance * by_estimated.transpose();
@@ -79,7 +79,7 @@ std::vector<std::string> Uncertainty::names() const {
   put(layout_.camera, {"fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3"});
   put(layout_.print, {"pitch_x", "pitch_y", "board.sag_x_mm", "board.sag_xy_mm", "board.sag_y_mm"});
   put(layout_.axis, {"axis.tilt_x_rad", "axis.tilt_y_rad", "axis.x_mm", "axis.y_mm"});
-  put(layout_.turn, {"encoder.scale"});
+  put(layout_.turn, {"encoder.scale", "encoder.cos_rad", "encoder.sin_rad"});
   for (std::size_t i = 0; i < layout_.planes.size(); ++i) {
     const std::string laser = "laser" + std::to_string(estimate_.planes[i].laser);
     put(layout_.planes[i], {laser + ".tilt_up_rad", laser + ".tilt_across_rad", laser + ".offset_mm"});

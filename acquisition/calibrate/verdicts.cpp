@@ -241,6 +241,12 @@ CalibrationStep judge_encoder(const Observations& observations, const Estimate& 
   judge.at_most("u(scale)/scale", uncertainty.of(uncertainty.layout().turn) / scale, "", 3e-4, 3e-3, wider);
   judge.at_most("|scale - 1|", std::abs(scale - 1), "", 0.02, 0.2,
                 "see that the controller's steps per turn are those of this table");
+  const int once = uncertainty.layout().turn + 1;
+  judge.at_most("error once a turn", estimate.axis->once_a_turn_rad.norm(), " rad", 0.01, 0.05,
+                "have the encoder's disc centred on the axis");
+  judge.at_most("known to", uncertainty.worst_of_two(once), " rad", 3e-4, 3e-3,
+                "stand the board where it faces the camera for each placement, the table turned on as the program "
+                "turns it, so that the placements together show the whole turn");
   return judge.step();
 }
 

@@ -3,6 +3,8 @@
 #include <ceres/jet.h>
 #include <ceres/rotation.h>
 
+#include <cmath>
+
 namespace celadon::calibrate {
 namespace {
 
@@ -26,7 +28,8 @@ ViewPose::ViewPose(const Estimate& estimate, const ViewObservation& view)
     : X_CB_(estimate.X_CB[static_cast<std::size_t>(view.pose)]), turned_(view.turned() && estimate.axis) {
   if (!turned_) return;
   axis_ = *estimate.axis;
-  angle_rad_ = view.angle_rad;
+  const double from = view.reference_rad, to = view.encoder_rad;
+  turn_by_ = {to - from, std::cos(to) - std::cos(from), std::sin(to) - std::sin(from)};
   stop_ = view.stop;
   if (stop_.elevation_rad != 0) elevation_ = estimate.elevation;
   if (stop_.lift_mm != 0) lift_ = estimate.lift;
@@ -34,7 +37,7 @@ ViewPose::ViewPose(const Estimate& estimate, const ViewObservation& view)
 
 std::vector<int> ViewPose::block_sizes() const {
   std::vector<int> out = {kOwn};
-  if (turned_) out.insert(out.end(), {kAxis, 1});
+  if (turned_) out.insert(out.end(), {kAxis, kTurn});
   if (elevation_) out.push_back(kElevation);
   if (lift_) out.push_back(kLift);
   return out;
@@ -42,7 +45,7 @@ std::vector<int> ViewPose::block_sizes() const {
 
 std::vector<double*> ViewPose::blocks_of(Parameters& parameters, int pose) const {
   std::vector<double*> out = {parameters.poses[static_cast<std::size_t>(pose)].data()};
-  if (turned_) out.insert(out.end(), {parameters.axis.data(), &parameters.turn});
+  if (turned_) out.insert(out.end(), {parameters.axis.data(), parameters.turn.data()});
   if (elevation_) out.push_back(parameters.elevation.data());
   if (lift_) out.push_back(parameters.lift.data());
   return out;
@@ -75,10 +78,10 @@ ViewPose::Value ViewPose::value(double const* const* blocks) const {
   };
   if constexpr (kNumbers >= kTurned) {
     read(blocks[1], kOwn, kAxis);
-    read(blocks[2], kOwn + kAxis, 1);
+    read(blocks[2], kOwn + kAxis, kTurn);
     const Jet* const u = x + kOwn;
     turn_about(moved_along(axis_.direction_C, axis_.across_C, u), moved_point(axis_.point_C, axis_.across_C, u),
-               u[kAxis] * angle_rad_);
+               u[kAxis] * turn_by_[0] + u[kAxis + 1] * turn_by_[1] + u[kAxis + 2] * turn_by_[2]);
   }
   if constexpr (kNumbers == kAll) {
     int block = 3;
@@ -117,7 +120,7 @@ void ViewPose::spread(const Rows& by, double** jacobians) const {
   write(0, kOwn);
   if (turned_) {
     write(kOwn, kAxis);
-    write(kOwn + kAxis, 1);
+    write(kOwn + kAxis, kTurn);
   }
   if (elevation_) write(kTurned, kElevation);
   if (lift_) write(kTurned + kElevation, kLift);

@@ -10,11 +10,11 @@
 namespace celadon::calibrate {
 
 /// Pose of a view with its derivatives by the numbers that it depends on: 6 of its own, for a turned view 4 of the axis
-/// and the turn, and off 0 of head or lift their 5 and 3.
+/// and 3 of its turn, and off 0 of head or lift their 5 and 3.
 class ViewPose {
  public:
-  static constexpr int kOwn = 6, kAxis = 4, kElevation = 5, kLift = 3;
-  static constexpr int kTurned = kOwn + kAxis + 1, kAll = kTurned + kElevation + kLift;
+  static constexpr int kOwn = 6, kAxis = 4, kTurn = 3, kElevation = 5, kLift = 3;
+  static constexpr int kTurned = kOwn + kAxis + kTurn, kAll = kTurned + kElevation + kLift;
   /// Derivatives of residuals, one a row.
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -45,7 +45,7 @@ class ViewPose {
   Eigen::Isometry3d X_CB_;
   bool turned_ = false;
   AxisEstimate axis_;
-  double angle_rad_ = 0;
+  Eigen::Vector3d turn_by_ = Eigen::Vector3d::Zero();  ///< derivative of the angle by its three numbers
   AxisStop stop_;
   std::optional<ElevationEstimate> elevation_;
   std::optional<LiftEstimate> lift_;

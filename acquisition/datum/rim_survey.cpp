@@ -92,9 +92,7 @@ std::vector<RimTag> survey_rim(const Calibration& calibration, std::span<const R
   std::map<int, std::array<std::vector<PlatterRay>, 4>> rays;
   for (const RimView& view : views) {
     const Eigen::Matrix3d back =
-        Eigen::AngleAxisd(-calibration.direction * calibration.encoder_scale.value * view.encoder_rad,
-                          Vector3d::UnitZ())
-            .toRotationMatrix();
+        Eigen::AngleAxisd(-calibration.encoder.table_rad(view.encoder_rad), Vector3d::UnitZ()).toRotationMatrix();
     for (const SeenTag& tag : view.tags) {
       for (std::size_t k = 0; k < 4; ++k) {
         const UndistortedPoint ray = lens.undistort(tag.corners_px[k].x(), tag.corners_px[k].y());

@@ -16,7 +16,7 @@ struct TableRay {
 
 TableRay ray_of(const Eigen::Vector2d& pixel, double encoder_rad, const Calibration& calibration) {
   const UndistortedPoint ray = Lens(calibration.camera_model).undistort(pixel.x(), pixel.y());
-  const double table_rad = calibration.direction * calibration.encoder_scale.value * encoder_rad;
+  const double table_rad = calibration.encoder.table_rad(encoder_rad);
   const Eigen::Affine3d X_OC =
       Eigen::AngleAxisd(-table_rad, Eigen::Vector3d::UnitZ()) * camera_to_object(calibration, {});
   return {X_OC.translation(), (X_OC.linear() * Eigen::Vector3d(ray.a, ray.b, 1)).normalized()};

@@ -34,12 +34,13 @@ std::string turn_refused(double turned_rad) {
 
 tl::expected<NormalPair, std::string> NormalPair::make(const Calibration& calibration, double first_rad,
                                                        double second_rad) {
-  const double turn = calibration.direction * calibration.encoder_scale.value;
   NormalPair pair(calibration);
-  pair.turned_rad_ = turn * (second_rad - first_rad);
+  const double first_table_rad = calibration.encoder.table_rad(first_rad),
+               second_table_rad = calibration.encoder.table_rad(second_rad);
+  pair.turned_rad_ = second_table_rad - first_table_rad;
   if (!(std::abs(pair.turned_rad_) >= kLeastTurn_rad && std::abs(pair.turned_rad_) <= kMostTurn_rad))
     return tl::make_unexpected(turn_refused(pair.turned_rad_));
-  pair.middle_rad_ = turn * 0.5 * (first_rad + second_rad);
+  pair.middle_rad_ = 0.5 * (first_table_rad + second_table_rad);
   const CameraModel& camera = calibration.camera_model;
   pair.width_px_ = camera.width_px;
   pair.height_px_ = camera.height_px;

@@ -31,9 +31,8 @@ tl::expected<StereoPair, std::string> StereoPair::begin(const Calibration& calib
   auto geometry = NormalPair::make(calibration, first.encoder_rad, second.encoder_rad);
   if (!geometry) return tl::make_unexpected(geometry.error());
   StereoPair pair(*geometry, volume);
-  const double turn = std::abs(calibration.encoder_scale.value);
-  pair.first_sigma_rad_ = turn * first.sigma_rad;
-  pair.second_sigma_rad_ = turn * second.sigma_rad;
+  pair.first_sigma_rad_ = std::abs(calibration.encoder.rate(first.encoder_rad)) * first.sigma_rad;
+  pair.second_sigma_rad_ = std::abs(calibration.encoder.rate(second.encoder_rad)) * second.sigma_rad;
   pair.first_ = std::make_unique<const LevelPicture>(normal_picture(*geometry, 0, levels_of(mode, first.bytes)));
   pair.second_ = std::make_unique<const LevelPicture>(normal_picture(*geometry, 1, levels_of(mode, second.bytes)));
   const double reach = std::min(volume.r_max_mm, geometry->view_reach_mm());

@@ -197,6 +197,11 @@ class Session final : public ScanObserver {
   }
 
   tl::expected<void, ScanStop> take_placement(int placement, CalibrationInput& input) {
+    // Together the placements, each facing the camera, show the encoder's whole turn.
+    const double now_rad = feed_->status().angle_rad, share_rad = 2 * std::numbers::pi * placement / plan_.placements;
+    if (auto on = turn_to(now_rad + std::remainder(share_rad - now_rad, 2 * std::numbers::pi)); !on) {
+      return Stop(on.error());
+    }
     const char* const leaning = stops_of_head() > 0 ? ", leaning back as far as it stands" : "";
     std::string instruction = "Stand the board on the platter, facing the camera" + std::string(leaning) +
                               ", and let go of it (placement " + std::to_string(placement + 1) + " of " +

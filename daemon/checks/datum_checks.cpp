@@ -66,7 +66,7 @@ void add_tag_checks(std::vector<SelfCheck>& checks, const DatumEvidence& evidenc
   }
   const DatumReading& r = *evidence.reading;
   const double turn_deg = r.turn_error_rad * kDegreesPerRad, turn_u = r.turn_sd_rad * kDegreesPerRad;
-  const double stated_deg = calibration.encoder_scale.u / calibration.encoder_scale.value * 360;
+  const double stated_deg = calibration.encoder.scale.u / calibration.encoder.scale.value * 360;
   checks.push_back(of_size(
       "datum_turn", kTurn, turn_deg, turn_u,
       std::max(std::hypot(kDatumSigmas * turn_u, kDatumCoverage * stated_deg), kFinestDatumTurn_deg),
@@ -82,14 +82,14 @@ void add_tag_checks(std::vector<SelfCheck>& checks, const DatumEvidence& evidenc
                            "the platter does not follow the encoder evenly: it slipped or was pushed during the turn, "
                            "or the encoder is mounted off centre",
                            "check coupling and belt, keep hands off the platter, and scan again; if the same comes "
-                           "back, have the encoder centred"));
+                           "back, calibrate: that measures what the encoder errs by once a turn"));
   if (!r.start_error_rad || evidence.sweep_rad_per_s < kLeastSpeed_rad_per_s) {
     checks.push_back(not_seen("datum_time", "ms",
                               r.start_error_rad
                                   ? "the table stood while frames were taken"
                                   : "no fiducial was recognised before the turn, with the table at rest"));
   } else {
-    const double sign = calibration.direction;
+    const double sign = calibration.encoder.direction;
     const double ms = sign * *r.start_error_rad / evidence.sweep_rad_per_s * 1e3,
                  u = r.start_sd_rad / evidence.sweep_rad_per_s * 1e3;
     const double stated_ms = calibration.time.stamp_offset_ns.u * 1e-6;

@@ -337,7 +337,7 @@ std::vector<SelfCheck> self_checks(const CheckedScan& scan) {
   std::vector<SelfCheck> checks{
       closure(scan.overlap, systematic_mm),
       closure_scatter(scan.closure, scan.overlap, scan.fit.whole().noise_mm, scan.fit.whole().kappa),
-      turn(scan.overlap, scan.calibration.encoder_scale)};
+      turn(scan.overlap, scan.calibration.encoder.scale)};
   add_harmonics(checks, piece, systematic_mm);
   std::vector<SelfCheck> lasers = laser_checks(scan);
   const bool differ = std::any_of(lasers.begin(), lasers.end(),

@@ -17,32 +17,32 @@ namespace {
 using nlohmann::ordered_json;
 
 ordered_json json_of(const V4l2Device& device) {
-  ordered_json json{{"path", device.path}, {"name", device.name},     {"driver", device.driver},
-                    {"bus", device.bus},   {"serial", device.serial}, {"problem", device.problem}};
-  json["formats"] = ordered_json::array();
+  ordered_json out{{"path", device.path}, {"name", device.name},     {"driver", device.driver},
+                   {"bus", device.bus},   {"serial", device.serial}, {"problem", device.problem}};
+  out["formats"] = ordered_json::array();
   for (const V4l2Format& format : device.formats) {
     ordered_json sizes = ordered_json::array();
     for (const V4l2Size& size : format.sizes)
       sizes.push_back(
           {{"width", size.width_px}, {"height", size.height_px}, {"frames_per_second", size.frames_per_second}});
-    json["formats"].push_back({{"fourcc", fourcc_text(format.fourcc)},
-                               {"description", format.description},
-                               {"usable", format.usable},
-                               {"preferred", &format == preferred_format(device)},
-                               {"sizes", sizes}});
+    out["formats"].push_back({{"fourcc", fourcc_text(format.fourcc)},
+                              {"description", format.description},
+                              {"usable", format.usable},
+                              {"preferred", &format == preferred_format(device)},
+                              {"sizes", sizes}});
   }
-  json["controls"] = ordered_json::array();
+  out["controls"] = ordered_json::array();
   for (const V4l2Control& control : device.controls)
-    json["controls"].push_back({{"name", control.name},
-                                {"id", control.id},
-                                {"minimum", control.minimum},
-                                {"maximum", control.maximum},
-                                {"step", control.step},
-                                {"default", control.standard},
-                                {"value", control.value ? ordered_json(*control.value) : ordered_json(nullptr)},
-                                {"inactive", control.inactive},
-                                {"menu", control.menu}});
-  return json;
+    out["controls"].push_back({{"name", control.name},
+                               {"id", control.id},
+                               {"minimum", control.minimum},
+                               {"maximum", control.maximum},
+                               {"step", control.step},
+                               {"default", control.standard},
+                               {"value", control.value ? ordered_json(*control.value) : ordered_json(nullptr)},
+                               {"inactive", control.inactive},
+                               {"menu", control.menu}});
+  return out;
 }
 
 void print(const V4l2Device& device) {

@@ -45,8 +45,10 @@ std::vector<std::uint64_t> all_bits(const Calibration& c) {
   for (const double v : c.axis.X_CW.translation()) add(v);
   add(c.axis.u_direction_rad);
   add(c.axis.u_position_mm);
-  add_measured(c.encoder_scale);
-  add(c.direction);
+  add_measured(c.encoder.scale);
+  add_measured(c.encoder.cos_rad);
+  add_measured(c.encoder.sin_rad);
+  add(c.encoder.direction);
   add_measured(c.scale);
   add(c.systematic_mm);
   add(c.u_drift_mm);
@@ -117,8 +119,12 @@ RC_GTEST_PROP(Calibration, formatting_and_parsing_changes_no_bit, ()) {
   c.axis.X_CW.translation() = Eigen::Vector3d(any(), any(), -0.0);
   c.axis.u_direction_rad = u();
   c.axis.u_position_mm = u();
-  c.encoder_scale = near(1, 0.1);
-  c.direction = uniform(random) < 0 ? -1 : 1;
+  c.encoder.scale = near(1, 0.1);
+  c.encoder.direction = uniform(random) < 0 ? -1 : 1;
+  if (uniform(random) < 0) {
+    c.encoder.cos_rad = near(0, 0.1);
+    c.encoder.sin_rad = near(0, 0.1);
+  }
   c.scale = near(1, 0.1);
   c.systematic_mm = u();
   c.time = {{any(), u()}, {any(), u()}, {any(), u()}};
@@ -180,7 +186,7 @@ TEST(Calibration, a_covariance_that_cannot_be_is_refused) {
 // Files of before the covariance, and of before elevation and lift.
 TEST(Calibration, older_minor_versions_are_read) {
   for (const char* version : {"1.0", "1.1"}) {
-    const auto parsed = parse_calibration(with("version = \"1.2\"", "version = \"" + std::string(version) + "\""), "f");
+    const auto parsed = parse_calibration(with("version = \"1.3\"", "version = \"" + std::string(version) + "\""), "f");
     ASSERT_TRUE(parsed) << parsed.error().message;
     EXPECT_FALSE(parsed->elevation || parsed->lift);
   }
@@ -312,6 +318,9 @@ INSTANTIATE_TEST_SUITE_P(
         Nonsense{"rotation = [", "rotation = [[1,0,0],[0,1,0],[0,0,-1]] # [", "", "is not TOML"},
         Nonsense{"direction = -1", "direction = 2", "encoder.direction", "must be 1 or -1"},
         Nonsense{"[encoder]\nscale = { value = 1.0002", "[encoder]\nscale = { value = 0.0", "encoder.scale", "above 0"},
+        Nonsense{"direction = -1", "direction = -1\ncos_rad = { value = 0.6, u = 0.0 }", "encoder.cos_rad",
+                 "within half of the scale"},
+        Nonsense{"direction = -1", "direction = -1\nsin_rad = 0.001", "encoder.sin_rad", ""},
         Nonsense{"systematic_mm = 0.015", "systematic_mm = -0.015", "geometry.systematic_mm", "negative"},
         Nonsense{"simulated = false", "simulated = \"no\"", "simulated", "true or false"},
         Nonsense{"machine = \"Celadon test bench 42\"", "machine = \"\"", "machine", "empty"},
@@ -320,8 +329,8 @@ INSTANTIATE_TEST_SUITE_P(
         Nonsense{"simulated = false", "simulated = false\nextra = 1", "extra", "not a key"},
         Nonsense{"systematic_mm = 0.015", "systematic_mm = 0.015\nsystemic_mm = 1", "systemic_mm", "not a key"},
         Nonsense{"celadon-calibration\"", "horus-calibration\"", "format", "not a calibration file"},
-        Nonsense{"version = \"1.2\"", "version = \"1\"", "version", "MAJOR.MINOR"},
-        Nonsense{"version = \"1.2\"", "version = 1.0", "version", "text in quotes"}));
+        Nonsense{"version = \"1.3\"", "version = \"1\"", "version", "MAJOR.MINOR"},
+        Nonsense{"version = \"1.3\"", "version = 1.0", "version", "text in quotes"}));
 
 TEST(Calibration, a_matrix_that_is_no_rotation_is_refused) {
   Calibration c = test_calibration();
@@ -339,14 +348,14 @@ TEST(Calibration, a_calibration_without_lasers_is_refused) {
 }
 
 TEST(Calibration, a_newer_minor_version_is_read_and_a_newer_major_one_refused) {
-  std::string text = with("version = \"1.2\"", "version = \"1.7\"\ntilt = { travel_rad = 1 }");
+  std::string text = with("version = \"1.3\"", "version = \"1.7\"\ntilt = { travel_rad = 1 }");
   text.replace(text.find("systematic_mm"), 0, "shrinkage = 3\n");
   const auto parsed = parse_calibration(text, "f");
   ASSERT_TRUE(parsed) << parsed.error().message;
   EXPECT_EQ(all_bits(*parsed), all_bits(test_calibration()));
-  EXPECT_THAT(refusal(with("version = \"1.2\"", "version = \"2.0\"")),
+  EXPECT_THAT(refusal(with("version = \"1.3\"", "version = \"2.0\"")),
               AllOf(HasSubstr("\"2.0\""), HasSubstr("update Celadon")));
-  EXPECT_THAT(refusal(with("version = \"1.2\"", "version = \"0.9\"")), HasSubstr("calibrate again"));
+  EXPECT_THAT(refusal(with("version = \"1.3\"", "version = \"0.9\"")), HasSubstr("calibrate again"));
 }
 
 TEST(Calibration, a_check_names_both_values) {

@@ -30,6 +30,8 @@ const char* const kNames[] = {"fx_px",
                               "axis.y_mm",
                               "platter.height_mm",
                               "encoder.scale",
+                              "encoder.cos_rad",
+                              "encoder.sin_rad",
                               "laser0.tilt_up_rad",
                               "laser0.tilt_across_rad",
                               "laser0.offset_mm",
@@ -64,11 +66,23 @@ ScannedPoints points_of(const Calibration& calibration) {
   return out;
 }
 
-/// Camera frame, from an object point.
-Vector3d seen(const Calibration& c, const ScannedPoints& points, const Eigen::Matrix3Xd& p, Eigen::Index i,
-              double angle_factor = 1) {
-  const double angle = points.table_angle_rad[static_cast<std::size_t>(i)] * angle_factor;
-  return c.axis.X_CW * (turned(p.col(i), angle) / c.scale.value);
+/// Camera frame, from an object point at a table angle.
+Vector3d seen(const Calibration& c, const Eigen::Matrix3Xd& p, Eigen::Index i, double table_rad) {
+  return c.axis.X_CW * (turned(p.col(i), table_rad) / c.scale.value);
+}
+
+/// The table's angle by one calibration where another one says `table_rad`, from CALIBRATION.md's formula; the encoder
+/// by halving.
+double by_other(const Calibration& c, const Calibration& other, double table_rad) {
+  const auto at = [](const TableEncoder& e, double b) {
+    return e.direction * (e.scale.value * b + e.cos_rad.value * (std::cos(b) - 1) + e.sin_rad.value * std::sin(b));
+  };
+  double low = -20, high = 20;
+  for (int k = 0; k < 100; ++k) {
+    const double middle = 0.5 * (low + high);
+    ((at(c.encoder, middle) < table_rad) == (c.encoder.direction > 0) ? low : high) = middle;
+  }
+  return at(other.encoder, low);
 }
 
 TEST(RemeasuredPoints, TheSameCalibrationMovesNothing) {
@@ -79,17 +93,19 @@ TEST(RemeasuredPoints, TheSameCalibrationMovesNothing) {
 
 // The pixel stays, the point lies on the other plane.
 TEST(RemeasuredPoints, PixelsStayAndPlanesHold) {
-  const Calibration c = test_calibration();
+  Calibration c = test_calibration();
+  c.encoder.cos_rad.value = 2e-3;
+  c.encoder.sin_rad.value = -3e-3;
   const ScannedPoints points = points_of(c);
   for (const char* name : kNames) {
     ASSERT_TRUE(has_parameter(c, name)) << name;
     const Calibration other = changed(c, name, 1e-4);
     const Eigen::Matrix3Xd moved = remeasured(points, c, other);
-    const double turn = other.encoder_scale.value / c.encoder_scale.value;
     const Lens before(c.camera_model), after(other.camera_model);
     double largest = 0;
     for (Eigen::Index i = 0; i < moved.cols(); ++i) {
-      const Vector3d p = seen(c, points, points.p_mm, i), q = seen(other, points, moved, i, turn);
+      const double angle = points.table_angle_rad[static_cast<std::size_t>(i)];
+      const Vector3d p = seen(c, points.p_mm, i, angle), q = seen(other, moved, i, by_other(c, other, angle));
       EXPECT_NEAR((after.project(q.x() / q.z(), q.y() / q.z()) - before.project(p.x() / p.z(), p.y() / p.z())).norm(),
                   0, 1e-7)
           << name;

@@ -49,8 +49,8 @@ inline Calibration test_calibration() {
   out.axis.u_direction_rad = 1e-4;
   out.axis.u_position_mm = 0.02;
   out.lasers = {laser_plane(0, out.axis.X_CW, -0.35, 0.1, 0.004), laser_plane(1, out.axis.X_CW, 0.9, -0.2, -0.002)};
-  out.encoder_scale = {1.0002, 1e-5};
-  out.direction = -1;
+  out.encoder.scale = {1.0002, 1e-5};
+  out.encoder.direction = -1;
   out.scale = {1.001, 5e-4};
   out.systematic_mm = 0.015;
   out.time = {{-1.5e6, 2e5}, {-0.5, 0.01}, {25'000, 10}};

@@ -54,7 +54,7 @@ Calibration through(Calibration c, const Vector3d& p_C, const Vector3d& normal_C
 }
 
 Profile triangulated(const Calibration& c, const AxisStop& stop, double table_angle_rad, float x_px = kColumn_px) {
-  const double encoder_rad = table_angle_rad / (c.direction * c.encoder_scale.value);
+  const double encoder_rad = table_angle_rad / (c.encoder.direction * c.encoder.scale.value);
   Profile profile;
   Triangulator(c, 0, kAnywhere, LineAlong::rows, stop)
       .triangulate(

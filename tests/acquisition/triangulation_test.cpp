@@ -97,7 +97,7 @@ TEST(Triangulation, direction_and_encoder_scale_turn_the_samples_back) {
   // theta.
   for (const double direction : {1.0, -1.0}) {
     Calibration c = test_calibration();
-    c.direction = direction;
+    c.encoder.direction = direction;
     c.time.line_time_ns.value = 0;
     const Triangulator triangulator(c, 0, kEverything);
     std::vector<LineRow> rows(1024);
@@ -117,6 +117,37 @@ TEST(Triangulation, direction_and_encoder_scale_turn_the_samples_back) {
       EXPECT_NEAR(angle_between(at_turn.theta_rad[i], at_zero.theta_rad[i]), -direction * 0.25 * 1.0002, 1e-12);
     }
     EXPECT_NEAR(at_turn.table_angle_rad, direction * 0.25 * 1.0002, 1e-15);
+  }
+}
+
+TEST(Triangulation, what_the_encoder_errs_by_once_a_turn_is_taken_off) {
+  Calibration c = test_calibration();
+  c.encoder.cos_rad.value = 3e-3;
+  c.encoder.sin_rad.value = -2e-3;
+  c.time.line_time_ns.value = 4000;
+  const Triangulator triangulator(c, 0, kEverything);
+  std::vector<LineRow> rows(1024);
+  for (const std::size_t i :
+       {std::size_t{300}, std::size_t{301}, std::size_t{302}, std::size_t{800}, std::size_t{801}, std::size_t{802}}) {
+    rows[i] = row_at(600.f);
+  }
+  Profile at_zero, moving;
+  triangulator.triangulate(
+      rows, {}, [](std::int64_t) { return AngleAtInstant{}; }, at_zero);
+  // 3 rad/s: from the first to the last row a hundredth of a radian.
+  const auto encoder_at = [](std::int64_t ns) { return 2.1 + 3e-9 * static_cast<double>(ns); };
+  triangulator.triangulate(
+      rows, {},
+      [&](std::int64_t ns) {
+        return AngleAtInstant{encoder_at(ns), 0, 3};
+      },
+      moving);
+  ASSERT_GE(at_zero.size(), 2u);
+  ASSERT_EQ(moving.size(), at_zero.size());
+  for (std::size_t i = 0; i < moving.size(); ++i) {
+    const double b = encoder_at(triangulator.row_instant_ns({}, moving.row[i]));
+    const double table_rad = -(1.0002 * b + 3e-3 * (std::cos(b) - 1) - 2e-3 * std::sin(b));  // direction -1
+    EXPECT_NEAR(angle_between(moving.theta_rad[i], at_zero.theta_rad[i]), -table_rad, 1e-8) << i;
   }
 }
 

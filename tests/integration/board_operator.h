@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <cstdio>
+#include <numbers>
 #include <string>
 #include <utility>
 #include <vector>
@@ -50,6 +51,7 @@ class BoardOperator : public CalibrationGuide {
     if (instruction.starts_with("Hold")) {
       hold();
     } else if (instruction.starts_with("Stand")) {
+      table_deg.push_back(station_.state()["angle_rad"].get<double>() * 180 / std::numbers::pi);
       place("board:" + board_ + placements_[placed_++ % placements_.size()]);
     } else {
       place("empty");
@@ -82,6 +84,7 @@ class BoardOperator : public CalibrationGuide {
   }
 
   std::vector<std::string> asked;
+  std::vector<double> table_deg;  ///< where the table stood when a board was to be stood on it
   int looks = 0, unfound = 0, seen = 0, seen_passing = 0, seen_at_stops = 0;
 
  private:

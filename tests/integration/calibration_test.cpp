@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <filesystem>
@@ -20,8 +21,14 @@ namespace {
 
 constexpr const char* kBoard = "tags:10x7x8";
 
+void expect_within(const char* what, const Measured& found, double truth, double largest_u) {
+  std::printf("%s: %.6g, truth %.6g, u %.3g\n", what, found.value, truth, found.u);
+  EXPECT_NEAR(found.value, truth, 3 * found.u) << what;
+  EXPECT_LT(found.u, largest_u) << what;
+}
+
 TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
-  Station station("cylinder-off", {"--ambient", "8", "--fps", "12"});
+  Station station("cylinder-off", {"--ambient", "8", "--fps", "12", "--encoder-eccentricity", "120"});
   auto machine = open_scanner(station.url, station.camera);
   ASSERT_TRUE(machine) << machine.error().message;
   const CalibrationPlan plan{*TargetBoard::parse(kBoard), 15, 3, 24, 4, {1, 1e-4}, {1, 1e-4}, 8, 0};
@@ -29,6 +36,10 @@ TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
   const auto input = take_calibration_views(*machine, plan, hand);
   ASSERT_TRUE(input) << input.error().reason;
   EXPECT_EQ(hand.asked.size(), 5u);
+  ASSERT_EQ(hand.table_deg.size(), 3u);
+  for (std::size_t i = 0; i < 3; ++i) {
+    EXPECT_NEAR(std::remainder(hand.table_deg[i] - 120. * static_cast<double>(i), 360), 0, 0.3) << i;
+  }
   std::printf("%d looks, %d without a board; %zu views, %d on the platter\n", hand.looks, hand.unfound,
               input->views.size(), hand.seen);
   const auto solved = solve_calibration(*input);
@@ -41,6 +52,9 @@ TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
   std::printf("systematic %.4f mm; corners %.4f px, held out %.4f px, lines %.4f mm\n", calibration.systematic_mm,
               solved->corner_rms_px, solved->held_out_rms_px, solved->line_rms_mm);
   std::printf("%s\ntruth:\n%s\n", format_calibration(calibration).c_str(), format_calibration(*truth).c_str());
+  expect_within("encoder, cosine, rad", calibration.encoder.cos_rad, truth->encoder.cos_rad.value, 1e-4);
+  expect_within("encoder, sine, rad", calibration.encoder.sin_rad, truth->encoder.sin_rad.value, 1e-4);
+  EXPECT_GT(std::abs(truth->encoder.cos_rad.value), 1e-3);
   machine->device.reset();
   machine = tl::make_unexpected(ConnectError{});  // the machine is the daemon's now
 
@@ -54,12 +68,6 @@ TEST(Calibrating, AVirtualScannerGivesScansCloseToTheTruth) {
   std::printf("%s\n", report["truth_mm"].dump().c_str());
   EXPECT_EQ(report["solid"]["valid"], true);
   EXPECT_LT(report["truth_mm"]["rms"].get<double>(), 3 * calibration.systematic_mm);
-}
-
-void expect_within(const char* what, const Measured& found, double truth, double largest_u) {
-  std::printf("%s: %.6g, truth %.6g, u %.3g\n", what, found.value, truth, found.u);
-  EXPECT_NEAR(found.value, truth, 3 * found.u) << what;
-  EXPECT_LT(found.u, largest_u) << what;
 }
 
 TEST(Calibrating, WhenRowsAreExposedIsThatOfTheTruth) {

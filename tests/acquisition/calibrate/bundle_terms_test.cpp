@@ -128,13 +128,14 @@ TEST(CalibrationTerms, DerivativesAreThoseOfTheResiduals) {
   test::Viewer viewer(machine, input.board, 4, {});
   for (ViewObservation& view : observations->views) {
     estimate.X_CB.push_back(viewer.pose(640, 512, 300, 0.5));
-    view.angle_rad = view.turned() ? 0.3 : 0;
+    view.reference_rad = view.encoder_rad - (view.turned() ? 0.3 : 0);
     for (LineObservation& line : view.lines) line.plane = line.laser;
   }
   for (LineObservation& line : observations->platter) line.plane = line.laser;
   Parameters parameters(estimate);
   parameters.print = {1.002, 0.997, 0.005, -0.003, 0.008};
   for (double& x : parameters.axis) x = 2e-3;
+  parameters.turn = {1.003, 2e-3, -3e-3};
   for (auto& plane : parameters.planes) plane = {1e-3, -2e-3, 0.1};
   for (auto& pose : parameters.poses) pose = {0.01, -0.02, 0.005, 0.3, -0.2, 0.1};
   std::map<std::size_t, int> kinds;
@@ -142,7 +143,7 @@ TEST(CalibrationTerms, DerivativesAreThoseOfTheResiduals) {
     ++kinds[term.blocks.size()];
     test::expect_true_derivatives(term);
   }
-  EXPECT_EQ(kinds[1], 2);      // priors
+  EXPECT_EQ(kinds[1], 3);      // priors
   EXPECT_EQ(kinds[3], 3);      // held corners
   EXPECT_EQ(kinds[4], 2 + 4);  // platter, lines on held boards
   EXPECT_EQ(kinds[5], 2);      // turned corners
@@ -185,7 +186,6 @@ Scene scene_of(const TrueMachine& machine) {
   for (ViewObservation& view : observations->views) {
     for (LineObservation& line : view.lines) line.plane = line.laser;
     view.pose = std::min(view.view, 12);
-    view.angle_rad = view.encoder_rad;
   }
   for (LineObservation& line : observations->platter) line.plane = line.laser;
   scene.observations = std::move(*observations);
@@ -204,7 +204,7 @@ TEST(CalibrationTerms, CovarianceIsTheBlockOfTheWholeInverse) {
   std::map<const double*, int> column = {{parameters.camera.data(), layout.camera},
                                          {parameters.print.data(), layout.print},
                                          {parameters.axis.data(), layout.axis},
-                                         {&parameters.turn, layout.turn},
+                                         {parameters.turn.data(), layout.turn},
                                          {parameters.platter.data(), layout.platter}};
   for (std::size_t i = 0; i < 2; ++i) column[parameters.planes[i].data()] = layout.planes[i];
   int total = layout.size;

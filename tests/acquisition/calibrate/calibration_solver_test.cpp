@@ -50,7 +50,7 @@ void expect_exact(const TrueMachine& machine, std::uint64_t seed) {
   ASSERT_TRUE(solution) << solution.error();
   EXPECT_EQ(solution->verdict, Verdict::good) << told(*solution);
   EXPECT_TRUE(solution->left_out.empty());
-  EXPECT_EQ(solution->calibration.direction, machine.direction);
+  EXPECT_EQ(solution->calibration.encoder.direction, machine.direction);
   const Eigen::VectorXd errors = errors_of(*solution, machine);
   ASSERT_EQ(static_cast<std::size_t>(errors.size()), solution->names.size());
   // Relative: pixels to the focal length, millimetres to the distance, the rest to 1.
@@ -75,6 +75,40 @@ TEST(CalibrationSolver, IsExactForATableThatTurnsTheOtherWay) {
 
 // The frame is that of the triangulation: a cylinder's radius comes back, and theta = 0 lies in laser 0's half plane
 // towards the camera.
+// The whole turn is seen; what is expected of encoders pulls by two hundred-thousandths.
+TEST(CalibrationSolver, FindsWhatTheEncoderErrsByOnceATurn) {
+  for (const double direction : {1., -1.}) {
+    TrueMachine machine;
+    machine.direction = direction;
+    machine.encoder_cos_rad = 4e-3;
+    machine.encoder_sin_rad = -2.5e-3;
+    const auto solution = solve_calibration(seen_of(machine, 3, {}, {.drawn = false}));
+    ASSERT_TRUE(solution) << solution.error();
+    const TableEncoder& found = solution->calibration.encoder;
+    EXPECT_NEAR(found.cos_rad.value, machine.encoder_cos_rad, 1e-7);
+    EXPECT_NEAR(found.sin_rad.value, machine.encoder_sin_rad, 1e-7);
+    EXPECT_NEAR(found.scale.value, machine.encoder_scale, 1e-7);
+    EXPECT_LT(std::max(found.cos_rad.u, found.sin_rad.u), 2e-5);
+    // Where CALIBRATION.md has them.
+    for (const double b : {-2., 0.3, 4.}) {
+      EXPECT_NEAR(machine.table_at(b)(1, 0), std::sin(found.table_rad(b)), 1e-6) << b;
+    }
+    EXPECT_EQ(step_of(*solution, "encoder").verdict, Verdict::good) << step_of(*solution, "encoder").finding;
+  }
+}
+
+// A third of a turn says little of it: the encoder's scale is stated so.
+TEST(CalibrationSolver, PartOfATurnLeavesTheEncodersErrorUnsure) {
+  TrueMachine machine;
+  machine.encoder_sin_rad = 3e-3;
+  const auto input = seen_of(machine, 5, {.placements = 1, .angles = 8});
+  const auto part = solve_calibration(input), whole = solve_calibration(seen_of(machine, 5));
+  ASSERT_TRUE(part && whole);
+  EXPECT_GT(part->calibration.encoder.scale.u, 10 * whole->calibration.encoder.scale.u);
+  EXPECT_LT(std::abs(part->calibration.encoder.scale.value - machine.encoder_scale),
+            3 * part->calibration.encoder.scale.u);
+}
+
 TEST(CalibrationSolver, FrameIsTheOneThatScansUse) {
   const TrueMachine machine;
   const auto solution = solve_calibration(seen_of(machine, 5, {}, {.drawn = false}));
@@ -282,6 +316,8 @@ TEST(CalibrationSolver, OfRandomMachinesIsWhatItSays) {
                       uniform(-0.05, 0.05)};
     machine.camera[1] = machine.camera[0] * uniform(0.99, 1.01);
     machine.encoder_scale = uniform(0.99, 1.01);
+    machine.encoder_cos_rad = uniform(-3e-3, 3e-3);
+    machine.encoder_sin_rad = uniform(-3e-3, 3e-3);
     machine.direction = uniform(-1, 1) < 0 ? -1 : 1;
     machine.X_CW = Eigen::Translation3d(uniform(-5, 5), uniform(-5, 5), uniform(-20, 20)) *
                    Eigen::AngleAxisd(uniform(-0.03, 0.03), Eigen::Vector3d(0.3, 0.5, 0.8).normalized()) * machine.X_CW;
@@ -295,7 +331,7 @@ TEST(CalibrationSolver, OfRandomMachinesIsWhatItSays) {
     const auto solution = solve_calibration(seen_of(machine, seed, programme));
     ASSERT_TRUE(solution) << solution.error();
     EXPECT_TRUE(solution->covariance.allFinite());
-    EXPECT_EQ(solution->calibration.direction, machine.direction);
+    EXPECT_EQ(solution->calibration.encoder.direction, machine.direction);
     const auto steps_worst = std::max_element(solution->steps.begin(), solution->steps.end(),
                                               [](const auto& a, const auto& b) { return a.verdict < b.verdict; });
     EXPECT_EQ(solution->verdict, steps_worst->verdict);

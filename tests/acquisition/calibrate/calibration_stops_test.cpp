@@ -123,7 +123,7 @@ TEST(CalibrationStops, DerivativesAreThoseOfTheResiduals) {
   test::Viewer viewer(machine, input.board, 4, {});
   for (ViewObservation& view : observations->views) {
     estimate.X_CB.push_back(viewer.pose(640, 512, 300, 0.4));
-    view.angle_rad = view.turned() ? 0.3 : 0;
+    view.reference_rad = view.encoder_rad - (view.turned() ? 0.3 : 0);
     for (LineObservation& line : view.lines) line.plane = line.laser;
   }
   Parameters parameters(estimate);

@@ -91,6 +91,7 @@ class ErrorBlocks {
     block("axis direction", "rad", "axis.tilt_x_rad", 2);
     block("axis position", "mm", "axis.x_mm", 2);
     block("encoder scale", "", "encoder.scale", 1);
+    block("encoder once a turn", "rad", "encoder.cos_rad", 2);
     block("laser 0 direction", "rad", "laser0.tilt_up_rad", 2);
     block("laser 0 offset", "mm", "laser0.offset_mm", 1);
     block("laser 1 direction", "rad", "laser1.tilt_up_rad", 2);

@@ -27,7 +27,7 @@ struct BeyondModel {
   double ripple_px = 0;
   // The sheet: out of its plane by bow_per_mm s^2, s from the axis towards the camera.
   double sheet_bow_per_mm = 0;
-  // The spindle: twice a turn, in and across the radius, along and about the axis; once a turn, the encoder.
+  // The spindle: twice a turn, in and across the radius, along and about the axis, and the encoder.
   double radial_mm = 0, axial_mm = 0, wobble_rad = 0, encoder_rad = 0, phase_rad = 0;
   // What extraction adds to all points of one line, and to all corners of one picture.
   double line_bias_px = 0, corner_bias_px = 0;
@@ -47,7 +47,7 @@ struct TrueMachine {
     double distance_mm;
   };
   std::vector<Sheet> sheets;
-  double encoder_scale = 1.0008, direction = 1;
+  double encoder_scale = 1.0008, encoder_cos_rad = 0, encoder_sin_rad = 0, direction = 1;
   /// The head turns about a line, the lift moves the table; given in the scanner's frame, as CALIBRATION.md has them.
   struct Elevation {
     Eigen::Vector3d origin_W, direction_W;
@@ -112,7 +112,9 @@ struct TrueMachine {
   double distance_C(const Sheet& sheet) const { return sheet.distance_mm + normal_C(sheet).dot(X_CW.translation()); }
   /// The table's frame in the scanner's.
   Eigen::Isometry3d table_at(double encoder_rad) const {
-    const double angle = direction * encoder_scale * (encoder_rad + beyond.encoder_rad * std::sin(encoder_rad + 0.8));
+    const double angle =
+        direction * (encoder_scale * encoder_rad + encoder_cos_rad * (std::cos(encoder_rad) - 1) +
+                     encoder_sin_rad * std::sin(encoder_rad) + beyond.encoder_rad * std::sin(2 * encoder_rad + 0.8));
     const double twice = 2 * angle + beyond.phase_rad;
     Eigen::Isometry3d motion = Eigen::Isometry3d::Identity();
     motion.translation() << beyond.radial_mm * std::cos(twice), beyond.radial_mm * std::sin(twice + 0.9),
@@ -329,7 +331,8 @@ inline CalibrationInput seen_of(const TrueMachine& machine, std::uint64_t seed, 
   };
   std::vector<Placement> placements;
   for (int placement = 0; placement < programme.placements; ++placement) {
-    const double middle = viewer.uniform(-1, 1);  // encoder angle at which the board faces the camera
+    // Encoder angle at which the board faces the camera; the table is turned on from one placement to the next.
+    const double middle = 2 * std::numbers::pi * placement / programme.placements + viewer.uniform(-0.3, 0.3);
     const Eigen::Isometry3d X_WB =
         viewer.standing(30 * kDegree - machine.direction * machine.encoder_scale * middle, viewer.uniform(0.1, 0.35),
                         viewer.uniform(42, 60), {viewer.uniform(-20, 20), viewer.uniform(-20, 20)});
@@ -397,7 +400,9 @@ inline Eigen::VectorXd errors_of(const CalibrationSolution& solution, const True
   const Eigen::Vector3d direction = true_in_solved.linear().col(2), origin = true_in_solved.translation();
   const Eigen::Vector3d crossing = origin - direction * (origin.z() / direction.z());
   out.insert(out.end(), {-direction.x(), -direction.y(), -crossing.x(), -crossing.y()});
-  out.push_back(c.encoder_scale.value - machine.encoder_scale);
+  out.push_back(c.encoder.scale.value - machine.encoder_scale);
+  out.push_back(c.encoder.cos_rad.value - machine.encoder_cos_rad);
+  out.push_back(c.encoder.sin_rad.value - machine.encoder_sin_rad);
   const Eigen::Vector3d up = c.axis.X_CW.linear().col(2), at = c.axis.X_CW.translation();
   for (const LaserPlane& plane : c.lasers) {
     for (const auto& sheet : machine.sheets) {

@@ -27,7 +27,7 @@ TEST(CalibrationUncertainty, CoversTheErrorsOfEveryBlock) {
     EXPECT_GT(block.ratio(), 1 / 1.3);
     EXPECT_LT(block.ratio(), 1.3);
   }
-  EXPECT_EQ(errors.blocks().size(), 12u);
+  EXPECT_EQ(errors.blocks().size(), 13u);
   // A radius' stated uncertainty is the largest over the volume: it covers, and is not idle either.
   EXPECT_LT(errors.radius_rms(), 1.1 * errors.systematic_rms());
   EXPECT_GT(errors.radius_rms(), 0.1 * errors.systematic_rms());

@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 
 MatchedPixels seen(const Calibration& c, const Vector3d& p_O, double first_rad, double second_rad) {
   const auto pixel = [&](double encoder_rad) {
-    const double table_rad = c.direction * c.encoder_scale.value * encoder_rad;
+    const double table_rad = c.encoder.direction * c.encoder.scale.value * encoder_rad;
     return ProjectionTruth(c).pixel(c.axis.X_CW *
                                     (Eigen::AngleAxisd(table_rad, Vector3d::UnitZ()) * (p_O / c.scale.value)));
   };

@@ -25,7 +25,7 @@ Vector3d turned(const Vector3d& p, double angle_rad) {
 
 /// What the camera shows of a point of the object (true mm) with the table at an encoder's angle.
 Vector2d seen(const Calibration& c, const Vector3d& p_O, double encoder_rad) {
-  const double table_rad = c.direction * c.encoder_scale.value * encoder_rad;
+  const double table_rad = c.encoder.direction * c.encoder.scale.value * encoder_rad;
   return ProjectionTruth(c).pixel(c.axis.X_CW * turned(p_O / c.scale.value, table_rad));
 }
 
@@ -77,8 +77,8 @@ TEST(NormalPair, IsThePapersForALevelCamera) {
   c.camera_model.fx_px = c.camera_model.fy_px = {f, 0};
   for (Measured& k : c.camera_model.distortion) k = {0, 0};
   c.axis.X_CW = looking_at({300, 0, 60}, {0, 0, 60});
-  c.encoder_scale = {1, 0};
-  c.direction = 1;
+  c.encoder.scale = {1, 0};
+  c.encoder.direction = 1;
   const double phi = 0.12;
   const NormalPair pair = pair_of(c, 0, phi);
   const double cx = c.camera_model.cx_px.value, cy = c.camera_model.cy_px.value;
@@ -103,7 +103,7 @@ TEST(NormalPair, IsThePapersForALevelCamera) {
 
 TEST(NormalPair, DerivativesAreThoseOfThePoint) {
   const Calibration c = test_calibration();
-  const double second_rad = kFirst_rad + 0.14, turn = c.direction * c.encoder_scale.value;
+  const double second_rad = kFirst_rad + 0.14, turn = c.encoder.direction * c.encoder.scale.value;
   for (const Vector3d& p : points(30)) {
     const Vector2d pixel_1 = seen(c, p, kFirst_rad), pixel_2 = seen(c, p, second_rad);
     const auto found = [&](double first, double second, double more_px) {
