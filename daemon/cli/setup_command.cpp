@@ -266,7 +266,7 @@ void calibrate(const Machine& machine, const fs::path& file, int direction) {
   }
   const auto calibration = read_calibration(file);
   if (!calibration) throw Ended{fail(kNotFit, calibration.error().message)};
-  if (calibration->direction * direction > 0) return;
+  if (calibration->encoder.direction * direction > 0) return;
   throw Ended{
       fail(kNotFit,
            "by the calibration the table turns the other way than was seen: the camera's picture is mirrored (a "
