@@ -75,10 +75,9 @@ void ScanQueue::change(std::uint64_t id, bool saved, const std::function<void(Sc
 }
 
 void ScanQueue::tell(std::uint64_t id) {
+  // Listeners read the record under this lock: of two threads that tell at once none lets them see an older state last.
   const MutexLock lock(listeners_mutex_);
-  // The present record, read under the listeners' lock: two threads that tell at once never tell an older state last.
-  const auto record = scan(id);
-  for (const auto& [subscription, listener] : listeners_) listener(*record);
+  for (const auto& [subscription, listener] : listeners_) listener(id);
 }
 
 MachineState ScanQueue::machine() const {
@@ -144,8 +143,7 @@ std::optional<ScanRecord> ScanQueue::scan(std::uint64_t id) const {
   return found->second;
 }
 
-tl::expected<ScanRecord, ServiceError> ScanQueue::cancel(std::uint64_t id) {
-  ScanRecord copy;
+tl::expected<void, ServiceError> ScanQueue::cancel(std::uint64_t id) {
   {
     const MutexLock lock(mutex_);
     const auto found = records_.find(id);
@@ -161,19 +159,18 @@ tl::expected<ScanRecord, ServiceError> ScanQueue::cancel(std::uint64_t id) {
     const auto waiting = std::find(queue_.begin(), queue_.end(), id);
     if (waiting == queue_.end()) {
       cancel_ = "on request";
-      return record;
+      return {};
     }
     queue_.erase(waiting);
     record.state = ScanState::cancelled;
-    record.reason = "The scan was cancelled on request before it began; start a new scan.";
+    record.reason = "It was cancelled on request before it began; start again.";
     save(record);
-    copy = record;
   }
   tell(id);
-  return copy;
+  return {};
 }
 
-std::uint64_t ScanQueue::subscribe(std::function<void(const ScanRecord&)> listener) {
+std::uint64_t ScanQueue::subscribe(std::function<void(std::uint64_t id)> listener) {
   const MutexLock lock(listeners_mutex_);
   listeners_.emplace(++last_subscription_, std::move(listener));
   return last_subscription_;

@@ -52,8 +52,8 @@ class ScanQueue final : public ScanService {
       CELADON_EXCLUDES(mutex_);
   std::vector<ScanRecord> scans() const override CELADON_EXCLUDES(mutex_);
   std::optional<ScanRecord> scan(std::uint64_t id) const override CELADON_EXCLUDES(mutex_);
-  tl::expected<ScanRecord, ServiceError> cancel(std::uint64_t id) override CELADON_EXCLUDES(mutex_);
-  std::uint64_t subscribe(std::function<void(const ScanRecord&)> listener) override CELADON_EXCLUDES(listeners_mutex_);
+  tl::expected<void, ServiceError> cancel(std::uint64_t id) override CELADON_EXCLUDES(mutex_);
+  std::uint64_t subscribe(std::function<void(std::uint64_t id)> listener) override CELADON_EXCLUDES(listeners_mutex_);
   void unsubscribe(std::uint64_t subscription) override CELADON_EXCLUDES(listeners_mutex_);
 
  private:
@@ -111,7 +111,7 @@ class ScanQueue final : public ScanService {
   bool first_attempt_done_ CELADON_GUARDED_BY(mutex_) = false, stop_ CELADON_GUARDED_BY(mutex_) = false;
 
   Mutex listeners_mutex_;
-  std::map<std::uint64_t, std::function<void(const ScanRecord&)>> listeners_ CELADON_GUARDED_BY(listeners_mutex_);
+  std::map<std::uint64_t, std::function<void(std::uint64_t)>> listeners_ CELADON_GUARDED_BY(listeners_mutex_);
   std::uint64_t last_subscription_ CELADON_GUARDED_BY(listeners_mutex_) = 0;
 
   std::thread thread_;

@@ -13,6 +13,7 @@
 #include <tl/expected.hpp>
 
 #include "daemon/checks/self_check.h"
+#include "daemon/job_record.h"
 #include "daemon/scan_state.h"
 
 namespace celadon {
@@ -58,19 +59,10 @@ struct ScanProgress {
   double seconds_left = 0;
 };
 
-struct ScanRecord {
-  std::uint64_t id = 0;  ///< 1, 2, ... never reused within a store
+struct ScanRecord : JobRecord {
   ScanRequest request;
-  std::string requested_by;  ///< "button", "api"
-  ScanState state = ScanState::queued;
-  ScanFailure failure = ScanFailure::device;  ///< of failed
-  std::string reason;                         ///< of failed, cancelled, interrupted: one sentence with the remedy
-  std::string created;                        ///< ISO 8601 UTC
   ScanProgress progress;
-  bool simulated = false;
-  std::filesystem::path folder;    ///< of the results
-  std::vector<std::string> files;  ///< names in `folder` once done
-  std::vector<SelfCheck> checks;   ///< what the scan found of itself, once done
+  std::vector<SelfCheck> checks;  ///< what the scan found of itself, once done
 };
 
 /// How far an axis goes.
@@ -135,10 +127,12 @@ class ScanService {
                                                         const std::string& requested_by) = 0;
   virtual std::vector<ScanRecord> scans() const = 0;
   virtual std::optional<ScanRecord> scan(std::uint64_t id) const = 0;
-  virtual tl::expected<ScanRecord, ServiceError> cancel(std::uint64_t id) = 0;
-  /// Calls back with every change of any scan, coalesced: the listener must only take note and return at once.
+  /// Ends a job that waits or runs.
+  virtual tl::expected<void, ServiceError> cancel(std::uint64_t id) = 0;
+  /// Calls back with the number of each job that changed: the listener must only take note and return at once. What it
+  /// reads of the job meanwhile is never older than what it read before.
   /// @returns a number for unsubscribe, which waits until no call is under way
-  virtual std::uint64_t subscribe(std::function<void(const ScanRecord&)> listener) = 0;
+  virtual std::uint64_t subscribe(std::function<void(std::uint64_t id)> listener) = 0;
   virtual void unsubscribe(std::uint64_t subscription) = 0;
 };
 

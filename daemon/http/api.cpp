@@ -119,8 +119,8 @@ ApiReply scan_paths(ScanService& service, const ApiRequest& request, const std::
   }
   if (path.size() == 5 && path[4] == "cancel") {
     if (request.method != "POST") return method_not_allowed("POST");
-    const auto cancelled = service.cancel(*id);
-    return cancelled ? json_reply(200, to_json(*cancelled)) : refused(cancelled.error());
+    if (auto cancelled = service.cancel(*id); !cancelled) return refused(cancelled.error());
+    return json_reply(200, to_json(*service.scan(*id)));
   }
   if (path.size() == 5 && path[4] == "events") {
     if (request.method != "GET") return method_not_allowed("GET");

@@ -39,14 +39,14 @@ constexpr auto kWriteTime = 30s;  // for one piece of an answer: a client that t
 constexpr auto kEventPause = 100ms;
 constexpr auto kEventHeartbeat = 10s;
 
-// A session that follows scans. Only the latest state of each scan is kept for it, so a slow client costs nothing.
+// A session that follows jobs. Only the latest state of each is kept for it, so a slow client costs nothing.
 class EventSink {
  public:
   virtual ~EventSink() = default;
-  virtual void scan_changed(std::uint64_t id) = 0;
+  virtual void job_changed(std::uint64_t id) = 0;
 };
 
-// What the sessions share; used on the I/O thread only, but for scan_changed's caller.
+// What the sessions share; used on the I/O thread only, but for job_changed's caller.
 struct Shared {
   ScanService& service;
   std::size_t connections = 0;
@@ -83,7 +83,7 @@ class Session : public std::enable_shared_from_this<Session<Protocol>>, public E
         "the scanner serves " + std::to_string(kConnectionLimit) + " connections at once; close one and try again"));
   }
 
-  void scan_changed(std::uint64_t id) override {
+  void job_changed(std::uint64_t id) override {
     if (followed_ == 0 || followed_ == id) {
       changed_.insert(id);
       if (waiting_for_change_) timer_.cancel();
@@ -301,9 +301,9 @@ struct HttpServer::Impl {
   }
 
   void start() {
-    subscription = service.subscribe([this](const ScanRecord& record) {
-      asio::post(context, [this, id = record.id] {
-        for (EventSink* sink : shared.sinks) sink->scan_changed(id);
+    subscription = service.subscribe([this](std::uint64_t id) {
+      asio::post(context, [this, id] {
+        for (EventSink* sink : shared.sinks) sink->job_changed(id);
       });
     });
     thread = std::thread([this] {

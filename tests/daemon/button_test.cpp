@@ -64,7 +64,8 @@ class Bench {
     const Calibration calibration = machine.calibration();
     queue = std::make_unique<ScanQueue>(std::move(*store), calibration, options,
                                         [&machine, calibration] { return machine.connect(calibration); });
-    queue->subscribe([this](const ScanRecord& record) {
+    queue->subscribe([this, q = queue.get()](std::uint64_t id) {
+      const ScanRecord record = *q->scan(id);
       if (at_state && record.state == ScanState::exporting) std::exchange(at_state, nullptr)();
       const std::lock_guard lock(mutex_);
       last_ = record;

@@ -58,16 +58,16 @@ class ListService : public ScanService {
     const auto found = records_.find(id);
     return found == records_.end() ? std::nullopt : std::optional(found->second);
   }
-  tl::expected<ScanRecord, ServiceError> cancel(std::uint64_t id) override {
+  tl::expected<void, ServiceError> cancel(std::uint64_t id) override {
     ScanRecord record = *scan(id);
     if (is_final(record.state)) {
       return tl::unexpected(ServiceError{409, "already finished", "scan is " + std::string(to_string(record.state))});
     }
     record.state = ScanState::cancelled;
     change(record);
-    return record;
+    return {};
   }
-  std::uint64_t subscribe(std::function<void(const ScanRecord&)> listener) override {
+  std::uint64_t subscribe(std::function<void(std::uint64_t)> listener) override {
     std::lock_guard lock(mutex_);
     listener_ = std::move(listener);
     return 1;
@@ -79,13 +79,13 @@ class ListService : public ScanService {
   void change(const ScanRecord& record) {
     std::lock_guard lock(mutex_);
     records_[record.id] = record;
-    if (listener_) listener_(record);
+    if (listener_) listener_(record.id);
   }
 
  private:
   mutable std::mutex mutex_;
   std::map<std::uint64_t, ScanRecord> records_;
-  std::function<void(const ScanRecord&)> listener_;
+  std::function<void(std::uint64_t)> listener_;
 };
 
 class Http : public testing::Test {

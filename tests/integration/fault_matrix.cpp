@@ -107,7 +107,7 @@ class Service {
     queue_ = std::make_unique<ScanQueue>(std::move(*store), machine.calibration, options, [&machine] {
       return connect_scanner(machine.url(), machine.camera_url(), machine.calibration);
     });
-    queue_->subscribe([this](const ScanRecord& record) { note(record); });
+    queue_->subscribe([this, q = queue_.get()](std::uint64_t id) { note(*q->scan(id)); });
     if (auto started = queue_->start(); !started) throw std::runtime_error(started.error().message);
     wait([this] { return !queue_->machine().motion.empty(); });
   }
