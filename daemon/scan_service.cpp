@@ -218,7 +218,8 @@ json to_json(const MachineState& machine) {
           {"button", machine.button},
           {"self_test", test ? json{{"passed", test->passed}, {"text", test->text}} : json(nullptr)},
           {"state", to_string(machine.state)},
-          {"current_scan", machine.current_scan}};
+          {"current_scan", machine.current_scan},
+          {"current_calibration", machine.current_calibration}};
 }
 
 tl::expected<ScanRequest, ServiceError> scan_request_from_json(const json& body) {

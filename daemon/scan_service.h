@@ -12,9 +12,11 @@
 #include <nlohmann/json_fwd.hpp>
 #include <tl/expected.hpp>
 
+#include "daemon/calibration/calibration_record.h"
 #include "daemon/checks/self_check.h"
 #include "daemon/job_record.h"
 #include "daemon/scan_state.h"
+#include "daemon/service_error.h"
 
 namespace celadon {
 
@@ -105,18 +107,12 @@ struct MachineState {
   bool remote_enabled = true;                ///< the machine's switch, if it has one, allows a start from afar
   std::string found;                         ///< what was found and left when it was connected
   LinkState link;                            ///< to the controller
-  std::string calibrated;                    ///< date of the calibration
+  std::string calibrated;                    ///< date of the calibration; empty: there is none, and no scan
   std::vector<std::string> calibration_due;  ///< why it is to be made again, a sentence each; empty: it is good
   std::string button;  ///< why the button at the computer cannot be used; empty: it can, or there is none
-  std::optional<SelfTestResult> self_test;  ///< the newest since the daemon started
-  ScanState state = ScanState::idle;        ///< of the scan that owns the device
-  std::uint64_t current_scan = 0;           ///< 0: none
-};
-
-/// Why a request was not taken: HTTP status and a sentence with value and remedy.
-struct ServiceError {
-  int status = 400;
-  std::string title, detail;
+  std::optional<SelfTestResult> self_test;                  ///< the newest since the daemon started
+  ScanState state = ScanState::idle;                        ///< of the job that owns the device
+  std::uint64_t current_scan = 0, current_calibration = 0;  ///< 0: none
 };
 
 class ScanService {
@@ -127,6 +123,12 @@ class ScanService {
                                                         const std::string& requested_by) = 0;
   virtual std::vector<ScanRecord> scans() const = 0;
   virtual std::optional<ScanRecord> scan(std::uint64_t id) const = 0;
+  virtual tl::expected<CalibrationRecord, ServiceError> calibrate(const CalibrationRequest& request,
+                                                                  const std::string& requested_by) = 0;
+  virtual std::vector<CalibrationRecord> calibrations() const = 0;
+  virtual std::optional<CalibrationRecord> calibration(std::uint64_t id) const = 0;
+  /// What a calibration asked for by hand is done. @param step  number of the instruction; nullopt: the present one
+  virtual tl::expected<void, ServiceError> confirm(std::uint64_t id, std::optional<int> step) = 0;
   /// Ends a job that waits or runs.
   virtual tl::expected<void, ServiceError> cancel(std::uint64_t id) = 0;
   /// Calls back with the number of each job that changed: the listener must only take note and return at once. What it

@@ -59,7 +59,7 @@ class Bench {
     options.poll_period = poll_period_;
     options.first_retry = options.longest_retry = std::chrono::milliseconds(1);
     queue = std::make_unique<ScanQueue>(std::move(*store), calibration_, options,
-                                        [this] { return machine_.connect(calibration_); });
+                                        [this](const auto&) { return machine_.connect(calibration_); });
     queue->subscribe([this, q = queue.get()](std::uint64_t id) {
       const ScanRecord record = *q->scan(id);
       const std::lock_guard lock(mutex_);
