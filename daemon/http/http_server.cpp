@@ -211,12 +211,14 @@ class Session : public std::enable_shared_from_this<Session<Protocol>>, public E
                       });
   }
 
-  void start_events(std::uint64_t scan) {
-    followed_ = scan;
+  void start_events(std::uint64_t job) {
+    followed_ = job;
     shared_.sinks.insert(this);
-    for (const auto& record : shared_.service.scans()) {
-      if (scan == record.id || (scan == 0 && !is_final(record.state))) changed_.insert(record.id);
-    }
+    const auto begin_with = [&](const JobRecord& record) {
+      if (job == record.id || (job == 0 && !is_final(record.state))) changed_.insert(record.id);
+    };
+    for (const auto& record : shared_.service.scans()) begin_with(record);
+    for (const auto& record : shared_.service.calibrations()) begin_with(record);
     text_ =
         "HTTP/1.1 200 OK\r\nServer: celadond\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n"
         "X-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n";
@@ -225,10 +227,11 @@ class Session : public std::enable_shared_from_this<Session<Protocol>>, public E
 
   void write_events() {
     for (const std::uint64_t id : std::exchange(changed_, {})) {
-      const auto record = shared_.service.scan(id);
-      if (!record) continue;
-      text_ += "id: " + std::to_string(++event_number_) + "\nevent: scan\ndata: " + to_json(*record).dump() + "\n\n";
-      if (followed_ == id && is_final(record->state)) ended_ = true;
+      if (const auto scan = shared_.service.scan(id)) {
+        add_event("scan", to_json(*scan), *scan);
+      } else if (const auto calibration = shared_.service.calibration(id)) {
+        add_event("calibration", to_json(*calibration), *calibration);
+      }
     }
     if (text_.empty()) text_ = ":\n\n";  // heartbeat: finds clients that are gone
     stream_.expires_after(kWriteTime);
@@ -238,6 +241,11 @@ class Session : public std::enable_shared_from_this<Session<Protocol>>, public E
       if (self->ended_) return self->shut();
       self->pause_events();
     });
+  }
+
+  void add_event(const char* name, const nlohmann::json& data, const JobRecord& job) {
+    text_ += "id: " + std::to_string(++event_number_) + "\nevent: " + name + "\ndata: " + data.dump() + "\n\n";
+    if (followed_ == job.id && is_final(job.state)) ended_ = true;
   }
 
   // At most ten events a second and client; between them only a set of numbers grows.
