@@ -137,6 +137,8 @@ void ScanQueue::run_calibration_job(std::uint64_t id) {
   release_machine(state, stop ? &*stop : nullptr);
   change_calibration(id, true, [&](CalibrationRecord& record) {
     record.state = state;
+    record.look.reset();
+    record.turn.reset();
     if (outcome) {
       record.verdict = outcome->verdict;
       record.steps = outcome->steps;

@@ -16,6 +16,11 @@ namespace {
 namespace fs = std::filesystem;
 
 std::optional<std::string> whole_text(const fs::path& file) {
+  std::error_code ignored;
+  if (fs::is_directory(file, ignored)) {  // a stream of one throws
+    errno = EISDIR;
+    return std::nullopt;
+  }
   std::ifstream in(file, std::ios::binary);
   if (!in) return std::nullopt;
   return std::string(std::istreambuf_iterator<char>(in), {});

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include "acquisition/calibrate/target_board.h"
 #include "daemon/request_fields.h"
@@ -124,12 +125,12 @@ void read_calibration_findings(const json& in, CalibrationRecord& record) {
   }
   if (!in.contains("values")) return;
   const json& v = in["values"];
-  record.values = CalibrationValues{v.at("systematic_mm").get<double>(),
-                                    v.at("corner_rms_px").get<double>(),
-                                    v.at("held_out_rms_px").get<double>(),
-                                    v.at("line_rms_mm").get<double>(),
-                                    v.at("views").get<int>(),
-                                    v.at("left_out").get<int>()};
+  // What is no number, because nothing was seen of it, is null in JSON.
+  const auto number = [&](const char* name) {
+    return v.at(name).is_null() ? std::numeric_limits<double>::quiet_NaN() : v.at(name).get<double>();
+  };
+  record.values = CalibrationValues{number("systematic_mm"), number("corner_rms_px"),  number("held_out_rms_px"),
+                                    number("line_rms_mm"),   v.at("views").get<int>(), v.at("left_out").get<int>()};
 }
 
 std::optional<std::string> implausible_size(const CalibrationRequest& request, const TargetBoard& board) {

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 
 #include <nlohmann/json.hpp>
@@ -80,6 +81,17 @@ TEST(CalibrationRequestJson, AConfirmationNamesItsStepOrNone) {
   EXPECT_NE(confirmed_step_from_json(json{{"steps", 2}}).error().detail.find("'steps'"), std::string::npos);
   EXPECT_NE(confirmed_step_from_json(json{{"step", 0}}).error().detail.find("step is 0"), std::string::npos);
   EXPECT_FALSE(confirmed_step_from_json(json::array()));
+}
+
+TEST(CalibrationRecordJson, ComesBackWithWhatIsNoNumber) {
+  CalibrationRecord record;
+  record.step = 3;
+  record.verdict = "refused";
+  record.steps = {{"laser 0", "refused", "It was never seen.", "Switch it on."}};
+  record.values = CalibrationValues{0.02, 0.03, 0.04, std::nan(""), 12, 1};
+  CalibrationRecord again;
+  read_calibration_findings(json::parse(to_json(record).dump()), again);
+  EXPECT_EQ(to_json(again).dump(), to_json(record).dump());
 }
 
 TEST(CalibrationFile, KeepsEveryOneBeforeIt) {
