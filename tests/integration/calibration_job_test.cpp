@@ -203,16 +203,18 @@ TEST(CalibrationJob, WrongWordsAreNamed) {
   EXPECT_NE(nobody.err.find("--device and --camera"), std::string::npos) << nobody.err;
 }
 
-/// Looks at the machine until it does something.
+/// Looks at the machine until it does something, for two minutes of its time at most.
 template <class Condition>
 void look_until(const Station& station, Condition condition) {
-  while (!condition(station.state())) {
-  }
+  json now = station.state();
+  const auto end_ns = now["time_ns"].get<std::int64_t>() + 120'000'000'000;
+  while (!condition(now) && now["time_ns"].get<std::int64_t>() < end_ns) now = station.state();
+  EXPECT_TRUE(condition(now)) << now;
 }
 
 // No software of ours acts then: the controller's lease and heartbeat do.
 TEST(CalibrationJob, AKilledDaemonLeavesTheMachineSafeAndSaysInterrupted) {
-  Station station("empty");
+  Station station("empty", {"--ambient", "8", "--fps", "12"});
   HttpClient client(station.server());
   station.start_daemon();
   const json request = {{"board", kBoard}};
