@@ -59,15 +59,28 @@ class ScanQueue::CalibrationWatch final : public CalibrationNarrator {
     views_ = look.views;
     holds_ = true;
     CalibrationNarrator::on_look(look);
-    queue_.change_calibration(id_, false, [&](CalibrationRecord& record) { record.look = look; });
+    // At once, so that no client sees the sentence of one look beside the other.
+    queue_.change_calibration(id_, false, [&](CalibrationRecord& record) {
+      record.message = message_;
+      record.look = look;
+    });
   }
   void on_turn(int placement, int angle, int angles, bool found) override {
     CalibrationNarrator::on_turn(placement, angle, angles, found);
     const BoardTurn turn{placement + 1, placements_, angle, angles, seen()};
     queue_.change_calibration(id_, false, [&](CalibrationRecord& record) {
+      record.message = message_;
       record.look.reset();
       record.turn = turn;
     });
+  }
+  void on_passes(int placement, int frames) override {
+    CalibrationNarrator::on_passes(placement, frames);
+    tell_message();
+  }
+  void on_stop(int placement, const AxisStop& stop, bool found) override {
+    CalibrationNarrator::on_stop(placement, stop, found);
+    tell_message();
   }
   void on_state(ScanState state) override {
     waits_ = holds_ = false;
@@ -90,10 +103,13 @@ class ScanQueue::CalibrationWatch final : public CalibrationNarrator {
  protected:
   void say(const std::string& sentence) override {
     spdlog::debug("calibration {}: {}", id_, sentence);
-    queue_.change_calibration(id_, false, [&](CalibrationRecord& record) { record.message = sentence; });
+    message_ = sentence;
   }
 
  private:
+  void tell_message() {
+    queue_.change_calibration(id_, false, [&](CalibrationRecord& record) { record.message = message_; });
+  }
   void note_hand() { hand_at_ = std::chrono::steady_clock::now(); }
 
   ScanQueue& queue_;
@@ -103,6 +119,7 @@ class ScanQueue::CalibrationWatch final : public CalibrationNarrator {
   bool holds_ = false;  ///< or somebody holds the board: without a hand nothing goes on
   bool from_afar_ = false;
   int views_ = 0;
+  std::string message_;
   std::chrono::steady_clock::time_point hand_at_;  ///< the newest sign of one
 };
 

@@ -75,7 +75,7 @@ class ApiOperator {
     const bool taken = look["views"] > views_, useless = look["found"] == false || look["known"] == true;
     views_ = look["views"].get<int>();
     // What was seen before the board moved may be told after it.
-    if (!taken && (!useless || ++useless_ < 2)) return;
+    if (!taken && (!useless || ++useless_ < 3)) return;
     useless_ = 0;
     ++pose_;
     hold();
