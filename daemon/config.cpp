@@ -300,7 +300,10 @@ tl::expected<void, ConfigError> check_config(const Config& config) {
   if (!config.button.empty()) {
     if (auto button = check_button_url(config.button); !button) return refused(button.error().message);
   }
-  if (config.calibration.empty()) return refused("No calibration file is named; give --calibration FILE.");
+  if (replay && config.calibration.empty()) {
+    return refused("The camera is the recording '" + config.camera +
+                   "', which was calibrated; give its --calibration FILE.");
+  }
   if (config.store.empty()) return refused("No folder for the scans is named; give --store FOLDER.");
   if (std::find(kLogLevels.begin(), kLogLevels.end(), config.log_level) == kLogLevels.end()) {
     return refused("The log level is '" + config.log_level + "'; give trace, debug, info, warn, error or off.");

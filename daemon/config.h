@@ -37,7 +37,7 @@ struct Config {
   std::optional<DriveConfig> drive;  ///< none: the device is a controller of the protocol
   MotionConfig motion;
   std::string camera;                 ///< "v4l2:..", "sim:FOLDER", "replay:FOLDER"
-  std::filesystem::path calibration;  ///< file
+  std::filesystem::path calibration;  ///< file, which need not exist yet; empty: calibration.toml in the store
   std::filesystem::path store;        ///< folder of scans
   std::filesystem::path record;       ///< folder for the frames of each scan (REPLAY.md); empty: they are not kept
   std::string http_address = "127.0.0.1";

@@ -35,8 +35,8 @@ ScanStop stop_of(const CameraError& error) {
 }
 
 ScanStop cancelled_by(const std::string& whom) {
-  return {ScanState::cancelled, "The scan was cancelled " + whom + "; what was recorded is kept, start a new scan.",
-          false, false};
+  return {ScanState::cancelled, "It was cancelled " + whom + "; what a scan recorded is kept, start again.", false,
+          false};
 }
 
 tl::expected<std::unique_ptr<FrameFeed>, ScanStop> FrameFeed::start(const ScanEquipment& equipment,
@@ -81,14 +81,14 @@ FrameFeed::~FrameFeed() {
 std::optional<ScanStop> FrameFeed::unfit() const {
   const auto stop = [](const std::string& reason) { return ScanStop{ScanState::failed, reason, false, false}; };
   if (status_.emergency_stop) {
-    return stop("The emergency stop is pressed; release it, press the button on the machine and start a new scan.");
+    return stop("The emergency stop is pressed; release it, press the button on the machine and start again.");
   }
   if (!status_.interlock_closed) {
-    return stop("The interlock is open; close the cover, press the button on the machine and start a new scan.");
+    return stop("The interlock is open; close the cover, press the button on the machine and start again.");
   }
   if (status_.fault_code != 0) {
     return stop("The controller reports fault " + std::to_string(status_.fault_code) + ", " + status_.fault_text +
-                "; remove the cause and start a new scan.");
+                "; remove the cause and start again.");
   }
   return std::nullopt;
 }
@@ -109,11 +109,10 @@ std::optional<ScanStop> FrameFeed::dark_laser() {
   ++counts_.looks_dark;
   if (dark_since_ns_ == 0) dark_since_ns_ = now_ns;
   if (now_ns - dark_since_ns_ < kDarkLimit_ns) return std::nullopt;
-  return ScanStop{
-      ScanState::failed,
-      "Laser " + std::to_string(laser_) +
-          " does not emit although it is switched on; check its supply and its cable, then start a new scan.",
-      false, false};
+  return ScanStop{ScanState::failed,
+                  "Laser " + std::to_string(laser_) +
+                      " does not emit although it is switched on; check its supply and its cable, then start again.",
+                  false, false};
 }
 
 tl::expected<void, ScanStop> FrameFeed::poll() {
@@ -240,7 +239,7 @@ tl::expected<Frame, ScanStop> FrameFeed::next_whole() {
         damaged == 0 ? "no frame for " : "no good frame, but " + std::to_string(damaged) + " damaged ones, for ";
     return tl::make_unexpected(ScanStop{ScanState::failed,
                                         "The camera delivered " + what + milliseconds(silent_ns) +
-                                            "; check its cable and power, then start a new scan." +
+                                            "; check its cable and power, then start again." +
                                             (frame ? "" : " (" + frame.error().message + ")"),
                                         false, true});
   }
@@ -288,7 +287,7 @@ tl::expected<void, ScanStop> FrameFeed::come_to_rest() {
     if (equipment_.clock.now_ns() - since_ns > kRestLimit_ns) {
       return tl::make_unexpected(ScanStop{ScanState::failed,
                                           "The table did not come to rest within 30 s after its turn; check the drive "
-                                          "and start a new scan."});
+                                          "and start again."});
     }
     if (auto frame = next(); !frame) return tl::make_unexpected(frame.error());
   }

@@ -1,7 +1,9 @@
 // What presses of the button ask the owner of the machine for. A press belongs to what the machine did when it began:
-// to an idle machine it gives an order once its length is known, a scan is stopped by it at once.
+// to an idle machine it gives an order once its length is known, a scan is stopped by it at once, and what a
+// calibration asked for is done.
 #include <spdlog/spdlog.h>
 
+#include "daemon/calibration/unmeasured.h"
 #include "daemon/scan_queue.h"
 #include "daemon/self_test.h"
 
@@ -103,9 +105,11 @@ void ScanQueue::test_machine() {
   show_lamp(LampPattern::busy);
   if (host_button_) host_button_->presses().mark();
   TestObserver observer(*this);
-  auto found = self_test(equipment_of(*connection_), observer);
+  const std::optional<Calibration> present = present_calibration();
+  const Calibration calibration = present ? *present : nothing_known(*connection_);
+  auto found = self_test(equipment_of(*connection_, calibration), observer);
   if (!found && found.error().camera_was_gone && connect_again())
-    found = self_test(equipment_of(*connection_), observer);
+    found = self_test(equipment_of(*connection_, calibration), observer);
   const bool lost = !found && (found.error().device_lost || found.error().camera_lost);
   if (!lost) drop_late_presses();
   SelfTestResult result{found.has_value(), found ? *found : found.error().reason};

@@ -1,5 +1,5 @@
-// The thread of the scan queue that owns machine and camera: connects, watches, scans, makes safe. What clients see of
-// it is in scan_queue.cpp.
+// The thread of the queue that owns machine and camera: connects, watches, scans, makes safe. What clients see of it is
+// in scan_queue.cpp, how it calibrates in machine_calibration.cpp.
 #include <algorithm>
 #include <cmath>
 #include <ctime>
@@ -24,12 +24,12 @@ LampPattern lamp_of(ScanState state) {
     case ScanState::preparing:
       return LampPattern::warning;  // the laser is about to shine and the table to turn
     case ScanState::scanning:
-    case ScanState::paused:
     case ScanState::solving:
     case ScanState::exporting:
       return LampPattern::busy;
     case ScanState::done:
       return LampPattern::done;
+    case ScanState::paused:  // a hand is asked for
     case ScanState::failed:
     case ScanState::cancelled:
     case ScanState::interrupted:
@@ -48,15 +48,7 @@ class ScanQueue::Observer final : public ScanObserver {
  public:
   Observer(ScanQueue& queue, std::uint64_t id) : queue_(queue), id_(id) {}
 
-  void on_state(ScanState state) override {
-    spdlog::info("scan {}: {}", id_, to_string(state));
-    queue_.show_lamp(lamp_of(state));
-    {
-      const MutexLock lock(queue_.mutex_);
-      queue_.machine_.state = state;
-    }
-    queue_.change(id_, true, [&](ScanRecord& record) { record.state = state; });
-  }
+  void on_state(ScanState state) override { queue_.show_state(id_, state); }
   void on_progress(const ScanProgress& progress) override {
     queue_.change(id_, false, [&](ScanRecord& record) { record.progress = progress; });
   }
@@ -79,11 +71,11 @@ void ScanQueue::own_machine() {
       connect();
       continue;
     }
-    const bool scans_wait = !nothing_waits();
-    // Also before a scan: presses up to here are those of an idle machine, not the ones that end a scan.
+    const bool jobs_wait = !nothing_waits();
+    // Also before a job: presses up to here are those of an idle machine, not the ones that end a job.
     watch_machine();
     if (!connection_) continue;
-    if (!scans_wait) {
+    if (!jobs_wait) {
       rest();
       continue;
     }
@@ -94,7 +86,7 @@ void ScanQueue::own_machine() {
         next = queue_.front();
         queue_.pop_front();
         cancel_.reset();
-        machine_.current_scan = *next;
+        (calibrations_.contains(*next) ? machine_.current_calibration : machine_.current_scan) = *next;
       }
     }
     if (next) run(*next);
@@ -105,9 +97,9 @@ void ScanQueue::own_machine() {
     left.swap(queue_);
   }
   for (const std::uint64_t id : left) {
-    change(id, true, [](ScanRecord& record) {
+    change_job(id, [](JobRecord& record) {
       record.state = ScanState::cancelled;
-      record.reason = "The daemon ended before the scan began; start it again.";
+      record.reason = "The daemon ended before it began; start it again.";
     });
   }
   if (connection_) {
@@ -119,10 +111,11 @@ void ScanQueue::own_machine() {
 
 void ScanQueue::connect() {
   look_at_host_button();
-  auto connection = connect_();
+  const std::optional<Calibration> calibration = present_calibration();
+  auto connection = connect_(calibration);
   if (connection) {
     connection_ = std::move(*connection);
-    const std::string machine = connection_->device ? connection_->device->identity().machine : calibration_.machine;
+    const std::string machine = connection_->device ? connection_->device->identity().machine : calibration->machine;
     const bool simulated = is_simulated(*connection_);
     if (connection_->device) {
       spdlog::info("connected to {} at {}, camera {} at {}{}", machine, options_.device_url,
@@ -141,7 +134,8 @@ void ScanQueue::connect() {
     machine_.connected = true;
     machine_.machine = machine;
     machine_.simulated = simulated;
-    machine_.lasers = lasers_present(connection_->device.get(), *connection_->camera, calibration_);
+    machine_.lasers =
+        lasers_present(connection_->device.get(), *connection_->camera, calibration.value_or(Calibration{}));
     machine_.travels = travels_of(connection_->device.get());
     machine_.error.clear();
     machine_.found = connection_->device ? connection_->device->found_at_open().text : "";
@@ -207,9 +201,24 @@ void ScanQueue::watch_machine() {
 }
 
 void ScanQueue::run(std::uint64_t id) {
-  ScanTask task;
+  if (host_button_) host_button_->presses().mark();
+  const bool simulated = is_simulated(*connection_);
+  bool calibrates = false;
   {
     const MutexLock lock(mutex_);
+    job(id)->simulated = simulated;
+    calibrates = calibrations_.contains(id);
+  }
+  if (calibrates) return run_calibration_job(id);
+  run_scan_job(id);
+}
+
+void ScanQueue::run_scan_job(std::uint64_t id) {
+  ScanTask task;
+  Calibration calibration;
+  {
+    const MutexLock lock(mutex_);
+    calibration = *calibration_;
     const ScanRecord& record = records_.at(id);
     task.request = record.request;
     task.date = record.created;
@@ -217,15 +226,12 @@ void ScanQueue::run(std::uint64_t id) {
     task.log_file = store_.log_file(id);
     task.results_folder = store_.results_folder(id);
     if (!options_.recordings.empty()) task.recording_folder = options_.recordings / std::to_string(id);
-    task.warnings = calibration_due(calibration_, options_.calibration, records_, std::time(nullptr));
+    task.warnings = calibration_due(calibration, options_.calibration, records_, std::time(nullptr));
   }
-  if (host_button_) host_button_->presses().mark();
-  const bool simulated = is_simulated(*connection_);
-  change(id, false, [&](ScanRecord& record) { record.simulated = simulated; });
   Observer observer(*this, id);
-  auto outcome = run_scan(equipment_of(*connection_), task, observer);
+  auto outcome = run_scan(equipment_of(*connection_, calibration), task, observer);
   if (!outcome && outcome.error().camera_was_gone && connect_again())
-    outcome = run_scan(equipment_of(*connection_), task, observer);
+    outcome = run_scan(equipment_of(*connection_, calibration), task, observer);
 
   const ScanState state = outcome ? ScanState::done : outcome.error().state;
   if (outcome) {
@@ -240,18 +246,7 @@ void ScanQueue::run(std::uint64_t id) {
   } else {
     spdlog::warn("scan {}: {}: {}", id, to_string(state), outcome.error().reason);
   }
-  const bool lost = !outcome && (outcome.error().device_lost || outcome.error().camera_lost);
-  if (!lost) drop_late_presses();
-  result_lamp_ = lamp_of(state);
-  result_lamp_end_ = std::chrono::steady_clock::now() + options_.result_lamp;
-  show_lamp(*result_lamp_);
-  {
-    const MutexLock lock(mutex_);
-    machine_.state = ScanState::idle;
-    machine_.current_scan = 0;
-  }
-  // First the machine, then the scan: who hears of its end and asks for another must not meet a machine that is lost.
-  if (lost) lose_connection(outcome.error().reason);
+  release_machine(state, outcome ? nullptr : &outcome.error());
   change(id, true, [&](ScanRecord& record) {
     record.state = state;
     if (outcome) {
@@ -266,18 +261,45 @@ void ScanQueue::run(std::uint64_t id) {
   });
 }
 
+/// Lamp, machine and record show what a job does.
+void ScanQueue::show_state(std::uint64_t id, ScanState state) {
+  spdlog::info("job {}: {}", id, to_string(state));
+  show_lamp(lamp_of(state));
+  {
+    const MutexLock lock(mutex_);
+    machine_.state = state;
+  }
+  change_job(id, [&](JobRecord& record) { record.state = state; });
+}
+
+/// First the machine, then the job's record: who hears of its end and asks for another must not meet a machine that is
+/// lost. @param stop  nullptr: the job is done
+void ScanQueue::release_machine(ScanState ended, const ScanStop* stop) {
+  const bool lost = stop != nullptr && (stop->device_lost || stop->camera_lost);
+  if (!lost) drop_late_presses();
+  result_lamp_ = lamp_of(ended);
+  result_lamp_end_ = std::chrono::steady_clock::now() + options_.result_lamp;
+  show_lamp(*result_lamp_);
+  {
+    const MutexLock lock(mutex_);
+    machine_.state = ScanState::idle;
+    machine_.current_scan = machine_.current_calibration = 0;
+  }
+  if (lost) lose_connection(stop->reason);
+}
+
 /// A camera that was unplugged and plugged in again while nobody looked has to be opened anew.
 bool ScanQueue::connect_again() {
   connection_.reset();
-  auto connection = connect_();
+  auto connection = connect_(present_calibration());
   if (!connection) return false;
   connection_ = std::move(*connection);
   lamp_ = LampPattern::off;
   return true;
 }
 
-ScanEquipment ScanQueue::equipment_of(ScannerConnection& connection) const {
-  return {connection.device.get(), *connection.camera, *connection.clock, calibration_,
+ScanEquipment ScanQueue::equipment_of(ScannerConnection& connection, const Calibration& calibration) const {
+  return {connection.device.get(), *connection.camera, *connection.clock, calibration,
           connection.truth.get(),  options_.volume};
 }
 
@@ -292,11 +314,11 @@ void ScanQueue::lose_connection(const std::string& reason) {
     machine_.laser_on = false;
     left.swap(queue_);
   }
-  // A scan that starts by itself when the machine comes back would surprise whoever stands before it.
+  // What starts by itself when the machine comes back would surprise whoever stands before it.
   for (const std::uint64_t id : left) {
-    change(id, true, [&](ScanRecord& record) {
+    change_job(id, [&](JobRecord& record) {
       record.state = ScanState::failed;
-      record.reason = "The machine was lost before the scan began: " + reason;
+      record.reason = "The machine was lost before it began: " + reason;
     });
   }
 }

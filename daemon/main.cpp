@@ -4,12 +4,16 @@
 
 #include <csignal>
 #include <cstdio>
+#include <filesystem>
+#include <optional>
 #include <string>
+#include <system_error>
 
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 #include <CLI/CLI.hpp>
 
+#include "daemon/calibration/calibration_job.h"
 #include "daemon/config.h"
 #include "daemon/http/http_server.h"
 #include "daemon/scan_queue.h"
@@ -63,8 +67,19 @@ tl::expected<Config, ConfigError> configure(const CommandLine& line) {
   return config;
 }
 
+/// nullopt: the machine was never calibrated, and there is no such file yet.
+tl::expected<std::optional<Calibration>, CalibrationError> read_present_calibration(const std::filesystem::path& file,
+                                                                                    bool recording) {
+  std::error_code ignored;
+  if (!recording && std::filesystem::status(file, ignored).type() == std::filesystem::file_type::not_found)
+    return std::nullopt;
+  return read_calibration(file);
+}
+
 int serve(const Config& config, const sigset_t& ending) {
-  auto calibration = read_calibration(config.calibration);
+  const std::filesystem::path calibration_file =
+      config.calibration.empty() ? config.store / "calibration.toml" : config.calibration;
+  const auto calibration = read_present_calibration(calibration_file, config.device.empty());
   if (!calibration) return fail(kUsage, calibration.error().message);
   auto store = ScanStore::open(config.store);
   if (!store) return fail(kSystem, store.error().message);
@@ -78,8 +93,11 @@ int serve(const Config& config, const sigset_t& ending) {
   if (!config.button.empty()) options.button.open = [url = config.button] { return open_button(url); };
   options.volume = config.volume;
   options.calibration = config.calibration_limits;
-  ScanQueue queue(std::move(*store), *calibration, options, [&] {
-    return connect_scanner(config.device, config.camera, *calibration, config.drive, config.motion);
+  options.run_calibration = run_calibration;
+  options.calibration_file = calibration_file;
+  ScanQueue queue(std::move(*store), *calibration, options, [&](const std::optional<Calibration>& present) {
+    return present ? connect_scanner(config.device, config.camera, *present, config.drive, config.motion)
+                   : open_scanner(config.device, config.camera, config.drive, config.motion);
   });
   if (auto started = queue.start(); !started) return fail(kUsage, started.error().message);
 
@@ -114,7 +132,10 @@ int run(int argc, char** argv) {
   app.add_option("--camera", line.camera, "v4l2:/dev/videoN, sim:FOLDER or replay:FOLDER");
   app.add_option("--button", line.button,
                  "a button at this computer, too: evdev:/dev/input/PATH[:KEY] or gpio:CHIP:LINE[?active=high|low]");
-  app.add_option("--calibration", line.calibration, "calibration file of this machine and camera");
+  app.add_option(
+      "--calibration", line.calibration,
+      "calibration file of this machine and camera; one that does not exist yet is made by a calibration (default: "
+      "calibration.toml in the store)");
   app.add_option("--store", line.store, "folder of the scans");
   app.add_option("--record", line.record, "folder: keep the frames of each scan in it, for replay:");
   app.add_option("--http", line.port, "port on 127.0.0.1 (default 7450; 0 takes a free one)")

@@ -51,15 +51,13 @@ tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const LineB
 
 tl::expected<void, ScanStop> fit_to_start(const DeviceStatus& status, bool needs_switch) {
   if (status.emergency_stop) {
-    return device_failed(
-        "The emergency stop is pressed; release it, press the button on the machine and start a new scan.");
+    return device_failed("The emergency stop is pressed; release it, press the button on the machine and start again.");
   }
   if (!status.interlock_closed) {
-    return device_failed(
-        "The interlock is open; close the cover, press the button on the machine and start a new scan.");
+    return device_failed("The interlock is open; close the cover, press the button on the machine and start again.");
   }
   if (status.local_action_needed) {
-    return device_failed("The machine is locked after a stop; press the button on the machine, then start a new scan.");
+    return device_failed("The machine is locked after a stop; press the button on the machine, then start again.");
   }
   if (needs_switch && !status.remote_enabled) {
     return device_failed(

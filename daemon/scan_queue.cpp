@@ -8,35 +8,32 @@
 #include "daemon/calibration_due.h"
 #include "daemon/scan_lasers.h"
 #include "daemon/scan_stops.h"
+#include "daemon/utc_time.h"
 
 namespace celadon {
 namespace {
 
-std::string utc_now() {
-  const std::time_t now = std::time(nullptr);
-  std::tm parts{};
-  gmtime_r(&now, &parts);
-  char text[32];
-  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &parts);
-  return text;
-}
+constexpr const char* kNotCalibrated =
+    "The machine is not calibrated; calibrate first: celadon calibrate, or POST /api/v1/calibrations.";
 
 }  // namespace
 
-ScanQueue::ScanQueue(ScanStore store, Calibration calibration, ScanQueueOptions options, Connect connect)
-    : calibration_(std::move(calibration)),
-      options_(std::move(options)),
+ScanQueue::ScanQueue(ScanStore store, std::optional<Calibration> calibration, ScanQueueOptions options, Connect connect)
+    : options_(std::move(options)),
       connect_(std::move(connect)),
       retry_(options_.first_retry),
       store_(std::move(store)) {
   if (options_.button.open) host_button_.emplace(options_.button.open, options_.button.timing);
   const MutexLock lock(mutex_);
+  calibration_ = std::move(calibration);
   std::vector<std::string> problems;
   for (ScanRecord& record : store_.load(problems)) records_.emplace(record.id, std::move(record));
+  for (CalibrationRecord& record : store_.load_calibrations(problems))
+    calibrations_.emplace(record.id, std::move(record));
   for (const std::string& problem : problems) spdlog::warn("{}", problem);
   machine_.device_url = options_.device_url;
   machine_.camera_url = options_.camera_url;
-  machine_.calibrated = calibration_.date;
+  if (calibration_) machine_.calibrated = calibration_->date;
 }
 
 ScanQueue::~ScanQueue() {
@@ -60,73 +57,109 @@ void ScanQueue::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-void ScanQueue::save(const ScanRecord& record) {
-  if (auto saved = store_.save(record); !saved) spdlog::error("scan {}: {}", record.id, saved.error().message);
+JobRecord* ScanQueue::job(std::uint64_t id) {
+  if (const auto scan = records_.find(id); scan != records_.end()) return &scan->second;
+  if (const auto calibration = calibrations_.find(id); calibration != calibrations_.end()) return &calibration->second;
+  return nullptr;
+}
+
+void ScanQueue::save(std::uint64_t id) {
+  const auto scan = records_.find(id);
+  auto saved = scan != records_.end() ? store_.save(scan->second) : store_.save(calibrations_.at(id));
+  if (!saved) spdlog::error("job {}: {}", id, saved.error().message);
 }
 
 void ScanQueue::change(std::uint64_t id, bool saved, const std::function<void(ScanRecord&)>& edit) {
   {
     const MutexLock lock(mutex_);
-    ScanRecord& record = records_.at(id);
-    edit(record);
-    if (saved) save(record);
+    edit(records_.at(id));
+    if (saved) save(id);
+  }
+  tell(id);
+}
+
+void ScanQueue::change_calibration(std::uint64_t id, bool saved, const std::function<void(CalibrationRecord&)>& edit) {
+  {
+    const MutexLock lock(mutex_);
+    edit(calibrations_.at(id));
+    if (saved) save(id);
+  }
+  tell(id);
+}
+
+void ScanQueue::change_job(std::uint64_t id, const std::function<void(JobRecord&)>& edit) {
+  {
+    const MutexLock lock(mutex_);
+    edit(*job(id));
+    save(id);
   }
   tell(id);
 }
 
 void ScanQueue::tell(std::uint64_t id) {
+  // Listeners read the record under this lock: of two threads that tell at once none lets them see an older state last.
   const MutexLock lock(listeners_mutex_);
-  // The present record, read under the listeners' lock: two threads that tell at once never tell an older state last.
-  const auto record = scan(id);
-  for (const auto& [subscription, listener] : listeners_) listener(*record);
+  for (const auto& [subscription, listener] : listeners_) listener(id);
 }
 
 MachineState ScanQueue::machine() const {
   const MutexLock lock(mutex_);
   MachineState machine = machine_;
-  machine.calibration_due = calibration_due(calibration_, options_.calibration, records_, std::time(nullptr));
+  machine.calibration_due = calibration_
+                                ? calibration_due(*calibration_, options_.calibration, records_, std::time(nullptr))
+                                : std::vector<std::string>{kNotCalibrated};
   return machine;
+}
+
+std::optional<Calibration> ScanQueue::present_calibration() const {
+  const MutexLock lock(mutex_);
+  return calibration_;
+}
+
+std::optional<ServiceError> ScanQueue::closed() const {
+  if (stop_) return ServiceError{503, "ending", "The daemon is ending; start it again."};
+  if (!machine_.connected) return ServiceError{503, "no machine", "No machine is connected: " + machine_.error};
+  if (queue_.size() < options_.longest_queue) return std::nullopt;
+  return ServiceError{429, "queue full",
+                      std::to_string(queue_.size()) + " jobs are waiting already; cancel some or wait."};
 }
 
 tl::expected<ScanRecord, ServiceError> ScanQueue::submit(const ScanRequest& request, const std::string& requested_by) {
   ScanRecord record;
+  record.request = request;
+  record.requested_by = requested_by;
   {
     const MutexLock lock(mutex_);
-    if (stop_) return tl::make_unexpected(ServiceError{503, "ending", "The daemon is ending; start it again."});
-    if (!machine_.connected) {
-      return tl::make_unexpected(ServiceError{503, "no machine", "No machine is connected: " + machine_.error});
-    }
-    if (const auto lasers = lasers_of(request, calibration_, machine_.lasers); !lasers) {
+    if (const auto why = closed()) return tl::make_unexpected(*why);
+    if (!calibration_) return tl::make_unexpected(ServiceError{409, "not calibrated", kNotCalibrated});
+    if (const auto lasers = lasers_of(request, *calibration_, machine_.lasers); !lasers) {
       return tl::make_unexpected(ServiceError{422, "no such laser", lasers.error()});
     }
     // A recording has stops of its own.
     if (!machine_.device_url.empty()) {
-      if (const auto stops = stops_of(request, calibration_, machine_.travels); !stops)
+      if (const auto stops = stops_of(request, *calibration_, machine_.travels); !stops)
         return tl::make_unexpected(ServiceError{422, "no such stop", stops.error()});
     }
-    if (queue_.size() >= options_.longest_queue) {
-      return tl::make_unexpected(ServiceError{
-          429, "queue full", std::to_string(queue_.size()) + " scans are waiting already; cancel some or wait."});
-    }
-    auto id = store_.new_scan();
-    if (!id) return tl::make_unexpected(ServiceError{507, "no storage", id.error().message});
-    record.id = *id;
-    record.request = request;
-    record.requested_by = requested_by;
-    record.state = ScanState::queued;
-    record.created = utc_now();
-    record.simulated = machine_.simulated;
-    record.folder = store_.results_folder(*id);
-    if (auto saved = store_.save(record); !saved) {
-      return tl::make_unexpected(ServiceError{507, "no storage", saved.error().message});
-    }
-    records_.emplace(*id, record);
-    queue_.push_back(*id);
-    wake_.notify_all();
+    if (auto taken = take(record); !taken) return tl::make_unexpected(taken.error());
   }
   spdlog::info("scan {}: queued by {}", record.id, requested_by);
   tell(record.id);
   return record;
+}
+
+tl::expected<void, ServiceError> ScanQueue::take(ScanRecord& record) {
+  auto id = store_.new_scan();
+  if (!id) return tl::make_unexpected(ServiceError{507, "no storage", id.error().message});
+  record.id = *id;
+  record.created = utc_now();
+  record.simulated = machine_.simulated;
+  record.folder = store_.results_folder(*id);
+  if (auto saved = store_.save(record); !saved)
+    return tl::make_unexpected(ServiceError{507, "no storage", saved.error().message});
+  records_.emplace(*id, record);
+  queue_.push_back(*id);
+  wake_.notify_all();
+  return {};
 }
 
 std::vector<ScanRecord> ScanQueue::scans() const {
@@ -144,36 +177,33 @@ std::optional<ScanRecord> ScanQueue::scan(std::uint64_t id) const {
   return found->second;
 }
 
-tl::expected<ScanRecord, ServiceError> ScanQueue::cancel(std::uint64_t id) {
-  ScanRecord copy;
+tl::expected<void, ServiceError> ScanQueue::cancel(std::uint64_t id) {
   {
     const MutexLock lock(mutex_);
-    const auto found = records_.find(id);
-    if (found == records_.end()) {
-      return tl::make_unexpected(ServiceError{404, "no such scan", "There is no scan " + std::to_string(id) + "."});
+    JobRecord* const found = job(id);
+    if (found == nullptr) {
+      return tl::make_unexpected(ServiceError{404, "no such job", "There is no job " + std::to_string(id) + "."});
     }
-    ScanRecord& record = found->second;
-    if (is_final(record.state)) {
+    if (is_final(found->state)) {
       return tl::make_unexpected(ServiceError{
           409, "already over",
-          "Scan " + std::to_string(id) + " is " + to_string(record.state) + " already; there is nothing to cancel."});
+          "Job " + std::to_string(id) + " is " + to_string(found->state) + " already; there is nothing to cancel."});
     }
     const auto waiting = std::find(queue_.begin(), queue_.end(), id);
     if (waiting == queue_.end()) {
       cancel_ = "on request";
-      return record;
+      return {};
     }
     queue_.erase(waiting);
-    record.state = ScanState::cancelled;
-    record.reason = "The scan was cancelled on request before it began; start a new scan.";
-    save(record);
-    copy = record;
+    found->state = ScanState::cancelled;
+    found->reason = "It was cancelled on request before it began; start again.";
+    save(id);
   }
   tell(id);
-  return copy;
+  return {};
 }
 
-std::uint64_t ScanQueue::subscribe(std::function<void(const ScanRecord&)> listener) {
+std::uint64_t ScanQueue::subscribe(std::function<void(std::uint64_t id)> listener) {
   const MutexLock lock(listeners_mutex_);
   listeners_.emplace(++last_subscription_, std::move(listener));
   return last_subscription_;

@@ -7,10 +7,14 @@
 
 #include <nlohmann/json.hpp>
 
+#include "daemon/request_fields.h"
+
 namespace celadon {
 namespace {
 
 using nlohmann::json;
+using request_fields::number_field, request_fields::one_of, request_fields::refuse, request_fields::Refusal,
+    request_fields::text_field, request_fields::whole_field;
 
 constexpr std::size_t kLongestName = 64;
 constexpr int kFewestProfiles = 16, kMostProfiles = 100'000;
@@ -69,54 +73,6 @@ json progress_json(const ScanProgress& p) {
           {"rejected", p.rejected},
           {"fit_rms_mm", p.fit_rms_mm ? json(*p.fit_rms_mm) : json(nullptr)},
           {"seconds_left", p.seconds_left}};
-}
-
-struct Refusal {
-  std::string detail;
-};
-
-std::string short_dump(const json& value) {
-  std::string text = value.dump(-1, ' ', true, json::error_handler_t::replace);
-  if (text.size() > 60) text = text.substr(0, 57) + "...";
-  return text;
-}
-
-[[noreturn]] void refuse(const std::string& field, const json& value, const std::string& allowed) {
-  throw Refusal{field + " is " + short_dump(value) + "; give " + allowed + "."};
-}
-
-std::string text_field(const std::string& field, const json& value, const std::string& allowed) {
-  if (!value.is_string()) refuse(field, value, allowed);
-  return value.get<std::string>();
-}
-
-template <std::size_t N>
-std::string one_of(const std::string& field, const json& value, const std::array<const char*, N>& names) {
-  std::string allowed = "one of";
-  for (const char* name : names) allowed += std::string(name == names.front() ? " " : ", ") + name;
-  std::string text = text_field(field, value, allowed);
-  if (std::find(names.begin(), names.end(), text) == names.end()) refuse(field, value, allowed);
-  return text;
-}
-
-int whole_field(const std::string& field, const json& value, int low, int high) {
-  const std::string allowed = "a whole number from " + std::to_string(low) + " to " + std::to_string(high);
-  if (!value.is_number_integer()) refuse(field, value, allowed);
-  // An unsigned value beyond the signed range would turn negative when read as signed.
-  if (value.is_number_unsigned() && value.get<std::uint64_t>() > static_cast<std::uint64_t>(high)) {
-    refuse(field, value, allowed);
-  }
-  const auto number = value.get<std::int64_t>();
-  if (number < low || number > high) refuse(field, value, allowed);
-  return static_cast<int>(number);
-}
-
-double number_field(const std::string& field, const json& value, double high, const char* unit) {
-  const std::string allowed = "a number from 0 to " + std::to_string(static_cast<int>(high)) + " " + unit;
-  if (!value.is_number()) refuse(field, value, allowed);
-  const auto number = value.get<double>();
-  if (!std::isfinite(number) || number < 0 || number > high) refuse(field, value, allowed);
-  return number;
 }
 
 std::string name_field(const json& value) {
@@ -228,18 +184,10 @@ void settle_stereo(ScanRequest& request, const json& body) {
 }  // namespace
 
 json to_json(const ScanRecord& record) {
-  json out{{"id", record.id},
-           {"request", request_json(record.request)},
-           {"requested_by", record.requested_by},
-           {"state", to_string(record.state)},
-           {"reason", record.reason},
-           {"created", record.created},
-           {"progress", progress_json(record.progress)},
-           {"simulated", record.simulated},
-           {"folder", record.folder.string()},
-           {"files", record.files}};
+  json out = job_json(record);
+  out["request"] = request_json(record.request);
+  out["progress"] = progress_json(record.progress);
   if (record.state == ScanState::done) out["checks"] = to_json(record.checks);
-  if (record.state == ScanState::failed) out["failure"] = to_string(record.failure);
   return out;
 }
 
@@ -270,7 +218,8 @@ json to_json(const MachineState& machine) {
           {"button", machine.button},
           {"self_test", test ? json{{"passed", test->passed}, {"text", test->text}} : json(nullptr)},
           {"state", to_string(machine.state)},
-          {"current_scan", machine.current_scan}};
+          {"current_scan", machine.current_scan},
+          {"current_calibration", machine.current_calibration}};
 }
 
 tl::expected<ScanRequest, ServiceError> scan_request_from_json(const json& body) {

@@ -12,8 +12,11 @@
 #include <nlohmann/json_fwd.hpp>
 #include <tl/expected.hpp>
 
+#include "daemon/calibration/calibration_record.h"
 #include "daemon/checks/self_check.h"
+#include "daemon/job_record.h"
 #include "daemon/scan_state.h"
+#include "daemon/service_error.h"
 
 namespace celadon {
 
@@ -58,19 +61,10 @@ struct ScanProgress {
   double seconds_left = 0;
 };
 
-struct ScanRecord {
-  std::uint64_t id = 0;  ///< 1, 2, ... never reused within a store
+struct ScanRecord : JobRecord {
   ScanRequest request;
-  std::string requested_by;  ///< "button", "api"
-  ScanState state = ScanState::queued;
-  ScanFailure failure = ScanFailure::device;  ///< of failed
-  std::string reason;                         ///< of failed, cancelled, interrupted: one sentence with the remedy
-  std::string created;                        ///< ISO 8601 UTC
   ScanProgress progress;
-  bool simulated = false;
-  std::filesystem::path folder;    ///< of the results
-  std::vector<std::string> files;  ///< names in `folder` once done
-  std::vector<SelfCheck> checks;   ///< what the scan found of itself, once done
+  std::vector<SelfCheck> checks;  ///< what the scan found of itself, once done
 };
 
 /// How far an axis goes.
@@ -113,18 +107,12 @@ struct MachineState {
   bool remote_enabled = true;                ///< the machine's switch, if it has one, allows a start from afar
   std::string found;                         ///< what was found and left when it was connected
   LinkState link;                            ///< to the controller
-  std::string calibrated;                    ///< date of the calibration
+  std::string calibrated;                    ///< date of the calibration; empty: there is none, and no scan
   std::vector<std::string> calibration_due;  ///< why it is to be made again, a sentence each; empty: it is good
   std::string button;  ///< why the button at the computer cannot be used; empty: it can, or there is none
-  std::optional<SelfTestResult> self_test;  ///< the newest since the daemon started
-  ScanState state = ScanState::idle;        ///< of the scan that owns the device
-  std::uint64_t current_scan = 0;           ///< 0: none
-};
-
-/// Why a request was not taken: HTTP status and a sentence with value and remedy.
-struct ServiceError {
-  int status = 400;
-  std::string title, detail;
+  std::optional<SelfTestResult> self_test;                  ///< the newest since the daemon started
+  ScanState state = ScanState::idle;                        ///< of the job that owns the device
+  std::uint64_t current_scan = 0, current_calibration = 0;  ///< 0: none
 };
 
 class ScanService {
@@ -135,10 +123,18 @@ class ScanService {
                                                         const std::string& requested_by) = 0;
   virtual std::vector<ScanRecord> scans() const = 0;
   virtual std::optional<ScanRecord> scan(std::uint64_t id) const = 0;
-  virtual tl::expected<ScanRecord, ServiceError> cancel(std::uint64_t id) = 0;
-  /// Calls back with every change of any scan, coalesced: the listener must only take note and return at once.
+  virtual tl::expected<CalibrationRecord, ServiceError> calibrate(const CalibrationRequest& request,
+                                                                  const std::string& requested_by) = 0;
+  virtual std::vector<CalibrationRecord> calibrations() const = 0;
+  virtual std::optional<CalibrationRecord> calibration(std::uint64_t id) const = 0;
+  /// What a calibration asked for by hand is done. @param step  number of the instruction; nullopt: the present one
+  virtual tl::expected<void, ServiceError> confirm(std::uint64_t id, std::optional<int> step) = 0;
+  /// Ends a job that waits or runs.
+  virtual tl::expected<void, ServiceError> cancel(std::uint64_t id) = 0;
+  /// Calls back with the number of each job that changed: the listener must only take note and return at once. What it
+  /// reads of the job meanwhile is never older than what it read before.
   /// @returns a number for unsubscribe, which waits until no call is under way
-  virtual std::uint64_t subscribe(std::function<void(const ScanRecord&)> listener) = 0;
+  virtual std::uint64_t subscribe(std::function<void(std::uint64_t id)> listener) = 0;
   virtual void unsubscribe(std::uint64_t subscription) = 0;
 };
 

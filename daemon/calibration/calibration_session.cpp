@@ -88,6 +88,8 @@ class Session final : public ScanObserver {
     SafeOnExit safe(&device_, *this);
     ScanTask task;
     task.request.exposure_ms = plan_.exposure_ms;
+    task.from_afar = plan_.from_afar;
+    guide_.on_state(ScanState::preparing);
     if (auto ready = make_device_ready(equipment_, task, *this); !ready) return Stop(ready.error());
     // What is calibrated is the machine with its other axes at 0.
     if (auto brought = bring_axes_to({}, device_, nothing_known_); !brought) return Stop(brought.error());
@@ -117,7 +119,7 @@ class Session final : public ScanObserver {
 
   void on_state(ScanState) override {}
   void on_progress(const ScanProgress&) override {}
-  void on_status(const DeviceStatus&) override {}
+  void on_status(const DeviceStatus& status) override { guide_.on_status(status); }
   std::optional<std::string> cancelled() override { return guide_.cancelled(); }
 
  private:
@@ -405,14 +407,32 @@ class Session final : public ScanObserver {
   /// Waits for the operator. The machine is polled meanwhile: its controller stops whatever no host looks at.
   tl::expected<void, ScanStop> ask(const std::string& instruction) {
     guide_.ask(instruction);
-    while (!guide_.done()) {
+    bool from_afar = false;
+    while (true) {
+      if (guide_.done()) {
+        from_afar = guide_.done_from_afar();
+        break;
+      }
       if (const auto whom = guide_.cancelled()) return Stop(cancelled_by(*whom));
       auto status = device_.poll();
       if (!status) return Stop(stop_of(status.error()));
+      on_status(*status);
       if (device_.take_button_presses() > 0) break;
       equipment_.clock.sleep_until(equipment_.clock.now_ns() + kAskAgain_ns);
     }
+    if (from_afar) {
+      if (auto warned = warn(); !warned) return warned;
+    }
+    guide_.on_state(ScanState::scanning);
     return feed_->poll();
+  }
+
+  /// As before a scan from afar: whoever still has a hand at the board takes it away, or presses the button.
+  tl::expected<void, ScanStop> warn() {
+    guide_.on_state(ScanState::preparing);
+    ScanTask task;
+    task.from_afar = true;
+    return make_device_ready(equipment_, task, *this);
   }
 
   const CalibrationPlan& plan_;

@@ -81,9 +81,9 @@ int watch(const std::string& server, const FollowOptions& options) {
   HttpClient client(server);
   std::uint64_t id = 0;
   while (id == 0) {
-    const auto waited = client.events("/api/v1/events", [&](const std::string&, const std::string& data) {
+    const auto waited = client.events("/api/v1/events", [&](const std::string& name, const std::string& data) {
       const auto scan = json::parse(data, nullptr, false);
-      if (scan.is_object()) id = scan.value("id", std::uint64_t{0});
+      if (name == "scan" && scan.is_object()) id = scan.value("id", std::uint64_t{0});
       return id == 0 && !interrupted();
     });
     if (interrupted()) return 130;
@@ -98,20 +98,28 @@ int status(const std::string& server) {
   if (!machine) return fail(3, machine.error());
   if (machine->status != 200) return refused(*machine);
   std::printf("%s\n", json::parse(machine->body).dump(2).c_str());
-  const auto scans = client.get("/api/v1/scans");
-  if (!scans) return fail(3, scans.error());
-  const json list = json::parse(scans->body);
-  for (const auto& record : list["scans"]) {
-    std::printf("scan %llu  %-11s  %s  %s\n", static_cast<unsigned long long>(record["id"].get<std::uint64_t>()),
-                record["state"].get<std::string>().c_str(), record.value("created", "").c_str(),
-                record.value("reason", "").c_str());
+  for (const std::string kind : {"calibration", "scan"}) {
+    const auto jobs = client.get("/api/v1/" + kind + "s");
+    if (!jobs) return fail(3, jobs.error());
+    const json list = json::parse(jobs->body);
+    for (const auto& record : list[kind + "s"]) {
+      std::printf("%s %llu  %-11s  %s  %s\n", kind.c_str(),
+                  static_cast<unsigned long long>(record["id"].get<std::uint64_t>()),
+                  record["state"].get<std::string>().c_str(), record.value("created", "").c_str(),
+                  record.value("reason", "").c_str());
+    }
   }
   return 0;
 }
 
 int cancel(const std::string& server, std::uint64_t id) {
   HttpClient client(server);
-  const auto answer = client.post("/api/v1/scans/" + std::to_string(id) + "/cancel", json::object());
+  const auto cancel_one = [&](const std::string& kind) {
+    return client.post("/api/v1/" + kind + "/" + std::to_string(id) + "/cancel", json::object());
+  };
+  constexpr int kNotFound = 404;
+  auto answer = cancel_one("scans");
+  if (answer && answer->status == kNotFound) answer = cancel_one("calibrations");
   if (!answer) return fail(3, answer.error());
   return answer->status == 200 ? 0 : refused(*answer);
 }
@@ -204,7 +212,7 @@ void add_watch_command(CLI::App& program, Run& run) {
 
 void add_status_command(CLI::App& program, Run& run) {
   auto server = std::make_shared<std::string>(kServer);
-  auto* command = program.add_subcommand("status", "State of the machine and the scans of the daemon's store.");
+  auto* command = program.add_subcommand("status", "State of the machine and the jobs of the daemon's store.");
   command->option_defaults()->always_capture_default();
   command->add_option("--server", *server, kServerHelp);
   command->callback([=, &run] { run = [=] { return status(*server); }; });
@@ -214,9 +222,9 @@ void add_cancel_command(CLI::App& program, Run& run) {
   auto server = std::make_shared<std::string>(kServer);
   auto id = std::make_shared<std::uint64_t>(0);
   auto* command = program.add_subcommand(
-      "cancel", "End a queued or running scan: laser off, motor stopped, what was recorded kept.");
+      "cancel", "End a scan or calibration that waits or runs: laser off, motor stopped, what was recorded kept.");
   command->option_defaults()->always_capture_default();
-  command->add_option("ID", *id, "number of the scan")->required();
+  command->add_option("ID", *id, "number of the scan or calibration")->required();
   command->add_option("--server", *server, kServerHelp);
   command->callback([=, &run] { run = [=] { return cancel(*server, *id); }; });
 }

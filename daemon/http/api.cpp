@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <charconv>
+#include <functional>
 #include <nlohmann/json.hpp>
 
 namespace celadon {
@@ -73,21 +74,50 @@ ApiReply method_not_allowed(const std::string& allow) {
   return reply;
 }
 
-ApiReply post_scan(ScanService& service, const ApiRequest& request) {
+/// The body of a POST, {} if there is none.
+tl::expected<json, ApiReply> body_of(const ApiRequest& request) {
   if (request.content_type.rfind("application/json", 0) != 0) {
-    return problem(415, "unsupported media type",
-                   "the body of a scan request is application/json, not '" + request.content_type + "'");
+    return tl::make_unexpected(
+        problem(415, "unsupported media type", "the body is application/json, not '" + request.content_type + "'"));
   }
-  const json body = request.body.empty() ? json::object() : json::parse(request.body, nullptr, false);
-  if (body.is_discarded())
-    return problem(400, "not JSON", "the body is not valid JSON; send an object, {} for the defaults");
-  auto parsed = scan_request_from_json(body);
+  json body = request.body.empty() ? json::object() : json::parse(request.body, nullptr, false);
+  if (body.is_discarded()) {
+    return tl::make_unexpected(
+        problem(400, "not JSON", "the body is not valid JSON; send an object, {} for the defaults"));
+  }
+  return body;
+}
+
+ApiReply created(const JobRecord& job, const json& body, const std::string& kind) {
+  ApiReply reply = json_reply(201, body);
+  reply.location = "/api/v1/" + kind + "/" + std::to_string(job.id);
+  return reply;
+}
+
+ApiReply post_scan(ScanService& service, const ApiRequest& request) {
+  const auto body = body_of(request);
+  if (!body) return body.error();
+  auto parsed = scan_request_from_json(*body);
   if (!parsed) return refused(parsed.error());
   const auto record = service.submit(*parsed, "api");
   if (!record) return refused(record.error());
-  ApiReply reply = json_reply(201, to_json(*record));
-  reply.location = "/api/v1/scans/" + std::to_string(record->id);
-  return reply;
+  return created(*record, to_json(*record), "scans");
+}
+
+ApiReply post_calibration(ScanService& service, const ApiRequest& request) {
+  const auto body = body_of(request);
+  if (!body) return body.error();
+  auto parsed = calibration_request_from_json(*body);
+  if (!parsed) return refused(parsed.error());
+  const auto record = service.calibrate(*parsed, "api");
+  if (!record) return refused(record.error());
+  return created(*record, to_json(*record), "calibrations");
+}
+
+ApiReply get_calibrations(ScanService& service) {
+  json list = json::array();
+  for (const auto& record : service.calibrations()) list.push_back(to_json(record));
+  return json_reply(200, json{{"calibrations", list}});
 }
 
 ApiReply get_scans(ScanService& service) {
@@ -96,44 +126,77 @@ ApiReply get_scans(ScanService& service) {
   return json_reply(200, json{{"scans", list}});
 }
 
-ApiReply get_file(const ScanRecord& record, const std::string& name) {
+ApiReply get_file(const JobRecord& job, const std::string& name) {
   // Only names the record lists: nothing else of the disk can be asked for.
-  if (std::find(record.files.begin(), record.files.end(), name) == record.files.end()) {
-    return problem(
-        404, "no such file",
-        "scan " + std::to_string(record.id) + " (" + to_string(record.state) + ") has no file '" + name + "'");
+  if (std::find(job.files.begin(), job.files.end(), name) == job.files.end()) {
+    return problem(404, "no such file",
+                   "job " + std::to_string(job.id) + " (" + to_string(job.state) + ") has no file '" + name + "'");
   }
   ApiReply reply;
   reply.content_type = media_type(name);
-  reply.file = record.folder / name;
+  reply.file = job.folder / name;
   return reply;
+}
+
+ApiReply no_such_path(const ApiRequest& request) {
+  return problem(404, "no such path",
+                 "'" + request.target.substr(0, 200) + "' is not part of the API; openapi.yaml lists it");
+}
+
+/// What scans and calibrations have in common. @param present  the record as it is now
+ApiReply job_paths(ScanService& service, const ApiRequest& request, const std::vector<std::string>& path,
+                   const JobRecord& job, const std::function<json()>& present) {
+  if (path.size() == 4) {
+    if (request.method != "GET") return method_not_allowed("GET");
+    return json_reply(200, present());
+  }
+  if (path.size() == 5 && path[4] == "cancel") {
+    if (request.method != "POST") return method_not_allowed("POST");
+    if (auto cancelled = service.cancel(job.id); !cancelled) return refused(cancelled.error());
+    return json_reply(200, present());
+  }
+  if (path.size() == 5 && path[4] == "events") {
+    if (request.method != "GET") return method_not_allowed("GET");
+    ApiReply reply;
+    reply.events = true;
+    reply.events_of = job.id;
+    return reply;
+  }
+  if (path.size() == 6 && path[4] == "files") {
+    if (request.method != "GET") return method_not_allowed("GET");
+    return get_file(job, path[5]);
+  }
+  return no_such_path(request);
 }
 
 ApiReply scan_paths(ScanService& service, const ApiRequest& request, const std::vector<std::string>& path) {
   const auto id = number(path[3]);
   const auto record = id ? service.scan(*id) : std::nullopt;
   if (!record) return problem(404, "no such scan", "there is no scan '" + path[3] + "'; GET /api/v1/scans lists them");
-  if (path.size() == 4) {
-    if (request.method != "GET") return method_not_allowed("GET");
-    return json_reply(200, to_json(*record));
+  return job_paths(service, request, path, *record, [&] { return to_json(*service.scan(*id)); });
+}
+
+ApiReply post_confirm(ScanService& service, const ApiRequest& request, std::uint64_t id) {
+  const auto body = body_of(request);
+  if (!body) return body.error();
+  const auto step = confirmed_step_from_json(*body);
+  if (!step) return refused(step.error());
+  if (auto confirmed = service.confirm(id, *step); !confirmed) return refused(confirmed.error());
+  return json_reply(200, to_json(*service.calibration(id)));
+}
+
+ApiReply calibration_paths(ScanService& service, const ApiRequest& request, const std::vector<std::string>& path) {
+  const auto id = number(path[3]);
+  const auto record = id ? service.calibration(*id) : std::nullopt;
+  if (!record) {
+    return problem(404, "no such calibration",
+                   "there is no calibration '" + path[3] + "'; GET /api/v1/calibrations lists them");
   }
-  if (path.size() == 5 && path[4] == "cancel") {
+  if (path.size() == 5 && path[4] == "confirm") {
     if (request.method != "POST") return method_not_allowed("POST");
-    const auto cancelled = service.cancel(*id);
-    return cancelled ? json_reply(200, to_json(*cancelled)) : refused(cancelled.error());
+    return post_confirm(service, request, *id);
   }
-  if (path.size() == 5 && path[4] == "events") {
-    if (request.method != "GET") return method_not_allowed("GET");
-    ApiReply reply;
-    reply.events = true;
-    reply.events_of = *id;
-    return reply;
-  }
-  if (path.size() == 6 && path[4] == "files") {
-    if (request.method != "GET") return method_not_allowed("GET");
-    return get_file(*record, path[5]);
-  }
-  return problem(404, "no such path", "'" + request.target + "' is not part of the API; openapi.yaml lists it");
+  return job_paths(service, request, path, *record, [&] { return to_json(*service.calibration(*id)); });
 }
 
 }  // namespace
@@ -141,6 +204,13 @@ ApiReply scan_paths(ScanService& service, const ApiRequest& request, const std::
 std::vector<std::string> api_routes() {
   return {"GET /api/v1/device",
           "GET /api/v1/events",
+          "GET /api/v1/calibrations",
+          "POST /api/v1/calibrations",
+          "GET /api/v1/calibrations/{id}",
+          "POST /api/v1/calibrations/{id}/confirm",
+          "POST /api/v1/calibrations/{id}/cancel",
+          "GET /api/v1/calibrations/{id}/events",
+          "GET /api/v1/calibrations/{id}/files/{name}",
           "GET /api/v1/scans",
           "POST /api/v1/scans",
           "GET /api/v1/scans/{id}",
@@ -178,9 +248,14 @@ ApiReply answer(ScanService& service, const ApiRequest& request) {
       return method_not_allowed("GET, POST");
     }
     if (path[2] == "scans") return scan_paths(service, request, path);
+    if (path[2] == "calibrations" && path.size() == 3) {
+      if (request.method == "GET") return get_calibrations(service);
+      if (request.method == "POST") return post_calibration(service, request);
+      return method_not_allowed("GET, POST");
+    }
+    if (path[2] == "calibrations") return calibration_paths(service, request, path);
   }
-  return problem(404, "no such path",
-                 "'" + request.target.substr(0, 200) + "' is not part of the API; openapi.yaml lists it");
+  return no_such_path(request);
 }
 
 std::optional<ByteRange> parse_range(const std::string& header, std::uint64_t size) {

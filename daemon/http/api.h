@@ -25,7 +25,7 @@ struct ApiReply {
   std::string allow;     ///< of 405
   std::optional<std::filesystem::path> file;
   bool events = false;
-  std::uint64_t events_of = 0;  ///< scan; 0: all
+  std::uint64_t events_of = 0;  ///< job; 0: all
 };
 
 /// Answers one request. Refuses (403) hosts and origins that are not this machine: pages of other sites must not reach

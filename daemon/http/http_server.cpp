@@ -39,14 +39,14 @@ constexpr auto kWriteTime = 30s;  // for one piece of an answer: a client that t
 constexpr auto kEventPause = 100ms;
 constexpr auto kEventHeartbeat = 10s;
 
-// A session that follows scans. Only the latest state of each scan is kept for it, so a slow client costs nothing.
+// A session that follows jobs. Only the latest state of each is kept for it, so a slow client costs nothing.
 class EventSink {
  public:
   virtual ~EventSink() = default;
-  virtual void scan_changed(std::uint64_t id) = 0;
+  virtual void job_changed(std::uint64_t id) = 0;
 };
 
-// What the sessions share; used on the I/O thread only, but for scan_changed's caller.
+// What the sessions share; used on the I/O thread only, but for job_changed's caller.
 struct Shared {
   ScanService& service;
   std::size_t connections = 0;
@@ -83,7 +83,7 @@ class Session : public std::enable_shared_from_this<Session<Protocol>>, public E
         "the scanner serves " + std::to_string(kConnectionLimit) + " connections at once; close one and try again"));
   }
 
-  void scan_changed(std::uint64_t id) override {
+  void job_changed(std::uint64_t id) override {
     if (followed_ == 0 || followed_ == id) {
       changed_.insert(id);
       if (waiting_for_change_) timer_.cancel();
@@ -211,12 +211,14 @@ class Session : public std::enable_shared_from_this<Session<Protocol>>, public E
                       });
   }
 
-  void start_events(std::uint64_t scan) {
-    followed_ = scan;
+  void start_events(std::uint64_t job) {
+    followed_ = job;
     shared_.sinks.insert(this);
-    for (const auto& record : shared_.service.scans()) {
-      if (scan == record.id || (scan == 0 && !is_final(record.state))) changed_.insert(record.id);
-    }
+    const auto begin_with = [&](const JobRecord& record) {
+      if (job == record.id || (job == 0 && !is_final(record.state))) changed_.insert(record.id);
+    };
+    for (const auto& record : shared_.service.scans()) begin_with(record);
+    for (const auto& record : shared_.service.calibrations()) begin_with(record);
     text_ =
         "HTTP/1.1 200 OK\r\nServer: celadond\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n"
         "X-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n";
@@ -225,10 +227,11 @@ class Session : public std::enable_shared_from_this<Session<Protocol>>, public E
 
   void write_events() {
     for (const std::uint64_t id : std::exchange(changed_, {})) {
-      const auto record = shared_.service.scan(id);
-      if (!record) continue;
-      text_ += "id: " + std::to_string(++event_number_) + "\nevent: scan\ndata: " + to_json(*record).dump() + "\n\n";
-      if (followed_ == id && is_final(record->state)) ended_ = true;
+      if (const auto scan = shared_.service.scan(id)) {
+        add_event("scan", to_json(*scan), *scan);
+      } else if (const auto calibration = shared_.service.calibration(id)) {
+        add_event("calibration", to_json(*calibration), *calibration);
+      }
     }
     if (text_.empty()) text_ = ":\n\n";  // heartbeat: finds clients that are gone
     stream_.expires_after(kWriteTime);
@@ -238,6 +241,11 @@ class Session : public std::enable_shared_from_this<Session<Protocol>>, public E
       if (self->ended_) return self->shut();
       self->pause_events();
     });
+  }
+
+  void add_event(const char* name, const nlohmann::json& data, const JobRecord& job) {
+    text_ += "id: " + std::to_string(++event_number_) + "\nevent: " + name + "\ndata: " + data.dump() + "\n\n";
+    if (followed_ == job.id && is_final(job.state)) ended_ = true;
   }
 
   // At most ten events a second and client; between them only a set of numbers grows.
@@ -301,9 +309,9 @@ struct HttpServer::Impl {
   }
 
   void start() {
-    subscription = service.subscribe([this](const ScanRecord& record) {
-      asio::post(context, [this, id = record.id] {
-        for (EventSink* sink : shared.sinks) sink->scan_changed(id);
+    subscription = service.subscribe([this](std::uint64_t id) {
+      asio::post(context, [this, id] {
+        for (EventSink* sink : shared.sinks) sink->job_changed(id);
       });
     });
     thread = std::thread([this] {

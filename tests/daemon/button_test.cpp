@@ -63,8 +63,9 @@ class Bench {
     options.first_retry = options.longest_retry = std::chrono::milliseconds(1);
     const Calibration calibration = machine.calibration();
     queue = std::make_unique<ScanQueue>(std::move(*store), calibration, options,
-                                        [&machine, calibration] { return machine.connect(calibration); });
-    queue->subscribe([this](const ScanRecord& record) {
+                                        [&machine, calibration](const auto&) { return machine.connect(calibration); });
+    queue->subscribe([this, q = queue.get()](std::uint64_t id) {
+      const ScanRecord record = *q->scan(id);
       if (at_state && record.state == ScanState::exporting) std::exchange(at_state, nullptr)();
       const std::lock_guard lock(mutex_);
       last_ = record;

@@ -58,16 +58,50 @@ class ListService : public ScanService {
     const auto found = records_.find(id);
     return found == records_.end() ? std::nullopt : std::optional(found->second);
   }
-  tl::expected<ScanRecord, ServiceError> cancel(std::uint64_t id) override {
+  tl::expected<CalibrationRecord, ServiceError> calibrate(const CalibrationRequest& request,
+                                                          const std::string& by) override {
+    std::lock_guard lock(mutex_);
+    CalibrationRecord record;
+    record.id = 100 + calibrations_.size();
+    record.request = request;
+    record.requested_by = by;
+    calibrations_[record.id] = record;
+    return record;
+  }
+  std::vector<CalibrationRecord> calibrations() const override {
+    std::lock_guard lock(mutex_);
+    std::vector<CalibrationRecord> all;
+    for (const auto& [id, record] : calibrations_) all.push_back(record);
+    return all;
+  }
+  std::optional<CalibrationRecord> calibration(std::uint64_t id) const override {
+    std::lock_guard lock(mutex_);
+    const auto found = calibrations_.find(id);
+    return found == calibrations_.end() ? std::nullopt : std::optional(found->second);
+  }
+  tl::expected<void, ServiceError> confirm(std::uint64_t id, std::optional<int> step) override {
+    CalibrationRecord record = *calibration(id);
+    if (record.state != ScanState::paused || step.value_or(record.step) != record.step)
+      return tl::unexpected(ServiceError{409, "waits for no hand", "calibration is elsewhere"});
+    record.state = ScanState::preparing;
+    change(record);
+    return {};
+  }
+  tl::expected<void, ServiceError> cancel(std::uint64_t id) override {
+    if (auto calibrating = calibration(id)) {
+      calibrating->state = ScanState::cancelled;
+      change(*calibrating);
+      return {};
+    }
     ScanRecord record = *scan(id);
     if (is_final(record.state)) {
       return tl::unexpected(ServiceError{409, "already finished", "scan is " + std::string(to_string(record.state))});
     }
     record.state = ScanState::cancelled;
     change(record);
-    return record;
+    return {};
   }
-  std::uint64_t subscribe(std::function<void(const ScanRecord&)> listener) override {
+  std::uint64_t subscribe(std::function<void(std::uint64_t)> listener) override {
     std::lock_guard lock(mutex_);
     listener_ = std::move(listener);
     return 1;
@@ -79,13 +113,19 @@ class ListService : public ScanService {
   void change(const ScanRecord& record) {
     std::lock_guard lock(mutex_);
     records_[record.id] = record;
-    if (listener_) listener_(record);
+    if (listener_) listener_(record.id);
+  }
+  void change(const CalibrationRecord& record) {
+    std::lock_guard lock(mutex_);
+    calibrations_[record.id] = record;
+    if (listener_) listener_(record.id);
   }
 
  private:
   mutable std::mutex mutex_;
   std::map<std::uint64_t, ScanRecord> records_;
-  std::function<void(const ScanRecord&)> listener_;
+  std::map<std::uint64_t, CalibrationRecord> calibrations_;
+  std::function<void(std::uint64_t)> listener_;
 };
 
 class Http : public testing::Test {
@@ -159,6 +199,58 @@ TEST_F(Http, ScanIsCreatedFoundListedAndCancelled) {
   EXPECT_EQ(json::parse(again->body)["status"], 409);
 }
 
+TEST_F(Http, CalibrationIsCreatedFoundListedConfirmedAndCancelled) {
+  HttpClient client(url_);
+  const auto created = client.post("/api/v1/calibrations", json{{"board", "tags:10x7x8"}, {"width_mm", 80.1}});
+  ASSERT_TRUE(created) << created.error();
+  EXPECT_EQ(created->status, 201);
+  EXPECT_EQ(created->location, "/api/v1/calibrations/100");
+  EXPECT_EQ(json::parse(created->body)["request"]["width_mm"], 80.1);
+  EXPECT_EQ(json::parse(client.get(created->location)->body)["state"], "queued");
+  EXPECT_EQ(json::parse(client.get("/api/v1/calibrations")->body)["calibrations"].size(), 1u);
+  EXPECT_EQ(client.get("/api/v1/scans/100")->status, 404) << "it is no scan";
+  const std::string confirm = created->location + "/confirm";
+  EXPECT_EQ(client.post(confirm, json::object())->status, 409);
+  CalibrationRecord record = *service_.calibration(100);
+  record.state = ScanState::paused;
+  record.step = 2;
+  record.instruction = "Hold the board.";
+  record.look = BoardLook{true, "", true, false, 3, 25, "Tilt the board."};
+  service_.change(record);
+  const auto paused = json::parse(client.get(created->location)->body);
+  EXPECT_EQ(paused["instruction"], "Hold the board.");
+  EXPECT_EQ(paused["look"]["advice"], "Tilt the board.");
+  EXPECT_EQ(client.post(confirm, json{{"step", 1}})->status, 409);
+  EXPECT_EQ(client.post(confirm, json{{"hand", 1}})->status, 422);
+  EXPECT_EQ(json::parse(client.post(confirm, json{{"step", 2}})->body)["state"], "preparing");
+  EXPECT_EQ(json::parse(client.post(created->location + "/cancel", json::object())->body)["state"], "cancelled");
+}
+
+TEST_F(Http, CalibrationsAreFollowedAndTheirFileFetched) {
+  CalibrationRecord record = *service_.calibrate({}, "api");
+  record.folder = folder_;
+  std::ofstream(folder_ / "calibration.toml") << "[camera]\n";
+  std::vector<std::string> names;
+  HttpClient client(url_);
+  const auto followed = client.events("/api/v1/events", [&](const std::string& name, const std::string& data) {
+    names.push_back(name + " " + json::parse(data)["state"].get<std::string>());
+    record.state = record.state == ScanState::queued ? ScanState::paused : ScanState::done;
+    record.files = {"calibration.toml"};
+    service_.change(record);
+    return names.size() < 3;
+  });
+  ASSERT_TRUE(followed) << followed.error();
+  EXPECT_EQ(names, (std::vector<std::string>{"calibration queued", "calibration paused", "calibration done"}));
+  names.clear();
+  ASSERT_TRUE(client.events("/api/v1/calibrations/100/events", [&](const std::string& name, const std::string&) {
+    names.push_back(name);
+    return true;
+  })) << "its stream ends with it";
+  EXPECT_EQ(names, std::vector<std::string>{"calibration"});
+  ASSERT_TRUE(client.download("/api/v1/calibrations/100/files/calibration.toml", folder_ / "copy.toml"));
+  EXPECT_EQ(client.get("/api/v1/calibrations/100/files/calibration.json")->status, 404);
+}
+
 TEST_F(Http, SameApiOnTheUnixSocket) {
   HttpClient client("unix:" + (folder_ / "api.sock").string());
   const auto device = client.get("/api/v1/device");
@@ -177,6 +269,9 @@ TEST_F(Http, ErrorsAreProblemDetailsThatNameTheValue) {
                         Case{"POST", "/api/v1/scans", R"({"profils": 300})", 422, "profils"},
                         Case{"POST", "/api/v1/scans", R"({"profiles": "many"})", 422, "profiles"},
                         Case{"POST", "/api/v1/scans", R"([1])", 422, "object"},
+                        Case{"POST", "/api/v1/calibrations", R"({"width_mm": 0})", 422, "width_mm is 0"},
+                        Case{"POST", "/api/v1/calibrations", R"({"board": "paper"})", 422, "paper"},
+                        Case{"POST", "/api/v1/calibrations/9/confirm", R"({})", 404, "9"},
                         Case{"GET", "/api/v1/scans/77", "", 404, "77"}, Case{"GET", "/api/v1/scans/-1", "", 404, "-1"},
                         Case{"GET", "/api/v1/scans/18446744073709551617", "", 404, "18446744073709551617"},
                         Case{"GET", "/api/v1/nothing", "", 404, "nothing"}}) {
@@ -187,6 +282,13 @@ TEST_F(Http, ErrorsAreProblemDetailsThatNameTheValue) {
     EXPECT_EQ(problem["status"], c.status);
     EXPECT_NE(problem["detail"].get<std::string>().find(c.names), std::string::npos) << problem;
   }
+  const std::string not_a_number = R"({"width_mm": NaN})";
+  EXPECT_NE(
+      raw("POST /api/v1/calibrations HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nConnection: "
+          "close\r\nContent-Length: " +
+          std::to_string(not_a_number.size()) + "\r\n\r\n" + not_a_number)
+          .find(" 400 "),
+      std::string::npos);
   const auto wrong_method = raw("DELETE /api/v1/scans HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n");
   EXPECT_NE(wrong_method.find(" 405 "), std::string::npos);
   EXPECT_NE(wrong_method.find("Allow: GET, POST"), std::string::npos);
@@ -264,6 +366,8 @@ TEST_F(Http, EventsBeginWithTheStateAndEndWithTheScan) {
 
 TEST_F(Http, ClientsThatNeverReadDoNotHoldUpAnybody) {
   ScanRecord record = *service_.submit({}, "api");
+  CalibrationRecord calibration = *service_.calibrate({}, "api");
+  calibration.state = ScanState::scanning;
   std::vector<int> silent;
   for (int i = 0; i < 40; ++i) {
     const int fd = connect_raw();
@@ -275,11 +379,14 @@ TEST_F(Http, ClientsThatNeverReadDoNotHoldUpAnybody) {
   for (int i = 0; i < 20000; ++i) {  // far more changes than any socket buffer holds
     record.progress.frames = i;
     service_.change(record);
+    calibration.message = "look " + std::to_string(i);
+    service_.change(calibration);
   }
   HttpClient client(url_);
   const auto answer = client.get("/api/v1/scans/1");
   ASSERT_TRUE(answer) << answer.error();
   EXPECT_EQ(json::parse(answer->body)["progress"]["frames"], 19999);
+  EXPECT_EQ(json::parse(client.get("/api/v1/calibrations/100")->body)["message"], "look 19999");
   for (const int fd : silent) ::close(fd);
 }
 

@@ -59,8 +59,9 @@ class Bench {
     options.poll_period = poll_period_;
     options.first_retry = options.longest_retry = std::chrono::milliseconds(1);
     queue = std::make_unique<ScanQueue>(std::move(*store), calibration_, options,
-                                        [this] { return machine_.connect(calibration_); });
-    queue->subscribe([this](const ScanRecord& record) {
+                                        [this](const auto&) { return machine_.connect(calibration_); });
+    queue->subscribe([this, q = queue.get()](std::uint64_t id) {
+      const ScanRecord record = *q->scan(id);
       const std::lock_guard lock(mutex_);
       // Whether `queued` is seen depends on which thread comes first.
       const bool news = seen_.empty() || seen_.back() != record.state;
@@ -234,9 +235,8 @@ TEST(ScanQueue, CancelEndsARunningScanAndAWaitingOne) {
   bench.wait_for(ScanState::scanning, 3);
   const auto waiting = bench.queue->submit(quick_request(), "api");
   ASSERT_TRUE(waiting);
-  const auto gone = bench.queue->cancel(waiting->id);
-  ASSERT_TRUE(gone);
-  EXPECT_EQ(gone->state, ScanState::cancelled);
+  ASSERT_TRUE(bench.queue->cancel(waiting->id));
+  EXPECT_EQ(bench.queue->scan(waiting->id)->state, ScanState::cancelled);
   ASSERT_TRUE(bench.queue->cancel(1));
   while (!is_final(bench.queue->scan(1)->state)) bench.wait_for_end();
   EXPECT_EQ(bench.queue->scan(1)->state, ScanState::cancelled);

@@ -278,13 +278,14 @@ TEST(Config, SaysWhatIsMissing) {
   config.camera = "webcam";
   EXPECT_NE(check_config(config).error().message.find("'webcam'"), std::string::npos);
   config.camera = "sim:/tmp/x";
-  EXPECT_NE(check_config(config).error().message.find("--calibration"), std::string::npos);
-  config.calibration = "c";
   EXPECT_NE(check_config(config).error().message.find("--store"), std::string::npos);
   config.store = "s";
   EXPECT_TRUE(check_config(config));
   config.volume.r_max_mm = 0;
   EXPECT_NE(check_config(config).error().message.find("r_max_mm"), std::string::npos);
+  Config recording;
+  recording.camera = "replay:/tmp/x";
+  EXPECT_NE(check_config(recording).error().message.find("--calibration"), std::string::npos);
 }
 
 // --- store ---

@@ -104,10 +104,10 @@ class Service {
     // A button that sticks or chatters presses. What it asks an idle machine for would run, as ordered, between the
     // cell's scans; that it stops a scan is what a cell looks at.
     options.button.brief = options.button.lasting = PressMeaning::nothing;
-    queue_ = std::make_unique<ScanQueue>(std::move(*store), machine.calibration, options, [&machine] {
+    queue_ = std::make_unique<ScanQueue>(std::move(*store), machine.calibration, options, [&machine](const auto&) {
       return connect_scanner(machine.url(), machine.camera_url(), machine.calibration);
     });
-    queue_->subscribe([this](const ScanRecord& record) { note(record); });
+    queue_->subscribe([this, q = queue_.get()](std::uint64_t id) { note(*q->scan(id)); });
     if (auto started = queue_->start(); !started) throw std::runtime_error(started.error().message);
     wait([this] { return !queue_->machine().motion.empty(); });
   }
