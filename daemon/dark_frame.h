@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 
 #include "acquisition/frame.h"
@@ -20,7 +21,7 @@ std::optional<std::string> light_although_off(FrameSource& camera, const Triangu
 
 /// The same of the mean frame that was taken with the laser off before the scan, when nothing is added to it by
 /// switching the laser on.
-std::optional<std::string> light_in_background(const CameraMode& mode, const std::vector<std::uint8_t>& background,
+std::optional<std::string> light_in_background(const CameraMode& mode, std::span<const std::uint8_t> background,
                                                LineAlong along);
 
 }  // namespace celadon
