@@ -1,9 +1,14 @@
 #pragma once
-// What is subtracted from frames: the picture with the laser off, one for each exposure that a turn has. Why they are
-// measured and not scaled: README.md, "Exposure by the line's peaks".
+// What is subtracted from frames: pictures with the laser off, for each exposure that a turn has, and where it was
+// looked at all around for each part of the turn. Why they are measured and not scaled: README.md, "Exposure by the
+// line's peaks".
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <numbers>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -12,28 +17,41 @@ namespace celadon {
 
 class Backgrounds {
  public:
-  /// In place of one of the same exposure.
-  void put(std::int64_t exposure_ns, std::vector<std::uint8_t> picture) {
-    for (auto& [exposure, kept] : pictures_) {
-      if (exposure != exposure_ns) continue;
-      kept = std::move(picture);
+  static constexpr int kParts = 24;  ///< of the turn
+  static int part_of(double turn_rad) {
+    const double turns = turn_rad / (2 * std::numbers::pi);
+    return static_cast<int>((turns - std::floor(turns)) * kParts) % kParts;
+  }
+
+  /// In place of one of the same exposure and part; no part: all around.
+  void put(std::int64_t exposure_ns, std::optional<int> part, std::vector<std::uint8_t> picture) {
+    for (Kept& kept : pictures_) {
+      if (kept.exposure_ns != exposure_ns || kept.part != part) continue;
+      kept.picture = std::move(picture);
       return;
     }
-    pictures_.emplace_back(exposure_ns, std::move(picture));
+    pictures_.push_back({exposure_ns, part, std::move(picture)});
   }
-  /// That of the nearest exposure; empty where there is none.
-  std::span<const std::uint8_t> of(std::int64_t exposure_ns) const {
+  /// Of the nearest exposure that of the nearest part; empty where there is none.
+  /// @param turn_rad  the table's angle
+  std::span<const std::uint8_t> of(std::int64_t exposure_ns, double turn_rad) const {
     std::span<const std::uint8_t> nearest;
-    std::int64_t least_ns = INT64_MAX;
-    for (const auto& [exposure, picture] : pictures_) {
-      const std::int64_t apart_ns = std::abs(exposure - exposure_ns);
-      if (apart_ns < least_ns) least_ns = apart_ns, nearest = picture;
+    std::pair<std::int64_t, int> least{INT64_MAX, kParts};
+    for (const Kept& kept : pictures_) {
+      const int off = kept.part ? std::abs(*kept.part - part_of(turn_rad)) : 0;
+      const std::pair<std::int64_t, int> apart{std::abs(kept.exposure_ns - exposure_ns), std::min(off, kParts - off)};
+      if (apart < least) least = apart, nearest = kept.picture;
     }
     return nearest;
   }
 
  private:
-  std::vector<std::pair<std::int64_t, std::vector<std::uint8_t>>> pictures_;
+  struct Kept {
+    std::int64_t exposure_ns;
+    std::optional<int> part;
+    std::vector<std::uint8_t> picture;
+  };
+  std::vector<Kept> pictures_;
 };
 
 }  // namespace celadon

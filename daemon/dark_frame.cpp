@@ -18,7 +18,8 @@ std::string shines(int rows, const std::string& frame) {
 }  // namespace
 
 std::optional<std::string> light_although_off(FrameSource& camera, const Triangulator& triangulator,
-                                              const ScanPreparation& seen, std::int64_t dark_since_ns) {
+                                              const ScanPreparation& seen, std::int64_t dark_since_ns,
+                                              double turn_rad) {
   for (int k = 0; k < kMostFrames; ++k) {
     auto frame = camera.next(kFrameLimit_ns);
     if (!frame) return std::nullopt;
@@ -26,7 +27,7 @@ std::optional<std::string> light_although_off(FrameSource& camera, const Triangu
     if (info.corrupt || triangulator.row_instant_ns(info, 0) - info.exposure_ns / 2 < dark_since_ns) continue;
     LaserLineExtractor extractor({.along = triangulator.along()});
     std::vector<LineRow> rows(triangulator.line_count());
-    extractor.extract(camera.mode(), frame->bytes(), seen.backgrounds.of(info.exposure_ns), rows);
+    extractor.extract(camera.mode(), frame->bytes(), seen.backgrounds.of(info.exposure_ns, turn_rad), rows);
     const LineBrightness now = brightness_of(rows);
     // At a shorter exposure than before the same light is darker.
     const double as_exposed = seen.exposure_ns > info.exposure_ns && info.exposure_ns > 0

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <utility>
 
+#include "daemon/dark_turn.h"
 #include "daemon/peak_survey.h"
 #include "daemon/scan_preparation.h"
 #include "daemon/table_turn.h"
@@ -13,7 +14,6 @@
 namespace celadon {
 namespace {
 
-constexpr int kProfiles = 144;  // two in each sector
 constexpr int kMostPasses = 5;
 constexpr double kShorter = 1. / 8;  // passes overlap: a line of 25 levels is measured as well as one of 200
 constexpr double kOfPeriod = 0.95;   // of the frame period; the rest is the sensor's
@@ -34,12 +34,6 @@ ScanStop refused_by_camera(ScanStop stop) {
         "0. " +
         stop.reason;
   return stop;
-}
-
-tl::expected<void, ScanStop> expose(FrameFeed& feed, std::int64_t exposure_ns) {
-  auto exposed = feed.expose_for(exposure_ns);
-  if (!exposed) return tl::make_unexpected(refused_by_camera(exposed.error()));
-  return {};
 }
 
 /// Grey level that most of a picture's places are darker than; of every 7th pixel in every 7th row.
@@ -72,7 +66,7 @@ std::string text_of_ms(double ms) {
 class Search {
  public:
   Search(const ScanEquipment& equipment, FrameFeed& feed, const LaserTurn& turn)
-      : equipment_(equipment), feed_(feed), turn_(turn), layout_(equipment, kProfiles) {}
+      : equipment_(equipment), feed_(feed), turn_(turn), layout_(equipment, kQuickProfiles) {}
 
   tl::expected<ExposureChoice, ScanStop> find() {
     const double begin_rad = feed_.status().angle_rad;
@@ -85,7 +79,7 @@ class Search {
     }
     if (auto set = set_longest(); !set) return tl::make_unexpected(set.error());
     // Steady and warm, by what the longest exposure shows.
-    auto seen = look_at_object(equipment_, feed_, turn_.triangulator);
+    auto seen = look_at_object(equipment_, feed_, turn_.triangulator, everywhere());
     if (!seen) return tl::make_unexpected(seen.error());
     Backgrounds backgrounds = std::move(seen->backgrounds);
     limits_.longest_ms = limits_.shortest_ms = milliseconds_of(feed_.exposure_in_force_ns());
@@ -98,7 +92,7 @@ class Search {
       const auto shorter = set_shorter();
       if (!shorter) return tl::make_unexpected(shorter.error());
       if (!*shorter) break;
-      auto dark = dark_backgrounds(equipment_, feed_, {});
+      auto dark = dark_turn(equipment_, feed_, turn_.triangulator, everywhere());
       if (!dark) return tl::make_unexpected(dark.error());
       backgrounds = std::move(*dark);
       if (auto on = feed_.laser_on(); !on) return tl::make_unexpected(on.error());
@@ -115,6 +109,19 @@ class Search {
   }
 
  private:
+  /// The exposure in force, all around.
+  ExposurePlan everywhere() const {
+    std::array<std::int64_t, ExposurePlan::kSectors> exposures_ns;
+    exposures_ns.fill(asked_ns_);
+    return ExposurePlan(exposures_ns);
+  }
+  tl::expected<void, ScanStop> expose(std::int64_t exposure_ns) {
+    asked_ns_ = exposure_ns;
+    auto exposed = feed_.expose_for(exposure_ns);
+    if (!exposed) return tl::make_unexpected(refused_by_camera(exposed.error()));
+    return {};
+  }
+
   /// The longest exposure that the frame period and the room's light allow.
   tl::expected<void, ScanStop> set_longest() {
     const std::int64_t period_ns = equipment_.camera.mode().frame_period_ns;
@@ -125,9 +132,9 @@ class Search {
     }
     if (auto off = feed_.laser_off(); !off) return off;
     double asked_ns = kOfPeriod * static_cast<double>(period_ns);
-    if (auto exposed = expose(feed_, std::llround(kShorter * asked_ns)); !exposed) return exposed;
+    if (auto exposed = expose(std::llround(kShorter * asked_ns)); !exposed) return exposed;
     const std::int64_t short_ns = feed_.exposure_in_force_ns();
-    if (auto exposed = expose(feed_, std::llround(asked_ns)); !exposed) return exposed;
+    if (auto exposed = expose(std::llround(asked_ns)); !exposed) return exposed;
     const std::int64_t long_ns = feed_.exposure_in_force_ns();
     if (static_cast<double>(long_ns) < (1 + kTaken) * static_cast<double>(short_ns)) {
       return tl::make_unexpected(exposure_failed(
@@ -143,7 +150,7 @@ class Search {
       if (room <= kRoomMost) return {};
       limits_.room_limits = true;
       asked_ns *= std::min(0.8, kRoomMost / room);
-      if (auto exposed = expose(feed_, std::llround(asked_ns)); !exposed) return exposed;
+      if (auto exposed = expose(std::llround(asked_ns)); !exposed) return exposed;
     }
     return {};
   }
@@ -152,7 +159,7 @@ class Search {
   tl::expected<bool, ScanStop> set_shorter() {
     const double before_ns = static_cast<double>(feed_.exposure_in_force_ns());
     const std::int64_t asked_ns = std::max<std::int64_t>(kShortest_ns, std::llround(kShorter * before_ns));
-    if (auto exposed = expose(feed_, asked_ns); !exposed) return tl::make_unexpected(exposed.error());
+    if (auto exposed = expose(asked_ns); !exposed) return tl::make_unexpected(exposed.error());
     const double now_ns = static_cast<double>(feed_.exposure_in_force_ns());
     if (now_ns > (1 - kTaken) * before_ns) {
       reached_shortest_ = true;
@@ -172,7 +179,8 @@ class Search {
     Profile profile;
     const auto take = [&](Frame frame, const FrameAngle& angle, double) -> tl::expected<void, ScanStop> {
       const FrameInfo info = frame.info;
-      extractor.extract(mode, frame.bytes(), backgrounds.of(info.exposure_ns), rows);
+      extractor.extract(mode, frame.bytes(),
+                        backgrounds.of(info.exposure_ns, angle.middle.angle_rad / layout_.encoder_per_true), rows);
       frame.release();
       turn_.triangulator.triangulate(
           rows, info, [&](std::int64_t ns) { return angle.at(ns); }, profile);
@@ -197,6 +205,7 @@ class Search {
   const TurnLayout layout_;
   PeakSurvey survey_;
   ExposureLimits limits_;
+  std::int64_t asked_ns_ = 0;  ///< exposure
   bool reached_shortest_ = false;
 };
 

@@ -59,7 +59,7 @@ class Intake {
       return kept;
     }
     std::swap(rows_, previous_);
-    const std::span<const std::uint8_t> background = backgrounds_.of(info.exposure_ns);
+    const std::span<const std::uint8_t> background = backgrounds_.of(info.exposure_ns, table_rad(angle.middle));
     const CameraMode& mode = tools_.equipment.camera.mode();
     extractor_.extract(mode, frame.bytes(), background, rows_, previous_);
     room_change_levels_ =
@@ -107,9 +107,13 @@ class Intake {
 
   /// Of the frame taken last, by how much the room was brighter than in the background.
   double room_change_levels() const { return room_change_levels_; }
-  /// Of the frames to come, with the laser off.
-  void renew_backgrounds(Backgrounds backgrounds) {
-    backgrounds_ = std::move(backgrounds);
+  /// Of the frames to come; by a plan of those with that exposure in this part of the turn, others ask for theirs by
+  /// what they show.
+  void renew_background(std::int64_t exposure_ns, double encoder_rad, std::vector<std::uint8_t> background) {
+    const auto part = tools_.turn->plan.empty()
+                          ? std::nullopt
+                          : std::optional(Backgrounds::part_of(encoder_rad / turn_.encoder_per_true));
+    backgrounds_.put(exposure_ns, part, std::move(background));
     tools_.room.renewed();
   }
 
@@ -197,9 +201,9 @@ class Intake {
 /// Laser off, background, laser on again: the table stands.
 tl::expected<void, ScanStop> look_at_room(const CaptureTools& tools, Intake& intake) {
   if (auto off = tools.feed.laser_off(); !off) return off;
-  auto backgrounds = dark_backgrounds(tools.equipment, tools.feed, tools.turn->plan);
-  if (!backgrounds) return tl::make_unexpected(backgrounds.error());
-  intake.renew_backgrounds(std::move(*backgrounds));
+  auto background = dark_background(tools.feed, tools.equipment.clock);
+  if (!background) return tl::make_unexpected(background.error());
+  intake.renew_background(tools.feed.exposure_in_force_ns(), tools.feed.status().angle_rad, std::move(*background));
   return tools.feed.laser_on();
 }
 
@@ -308,9 +312,7 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
     }
     if (info.use != FrameUse::turn && info.use != FrameUse::overlap) continue;
     if (dark.count() > 0) {
-      Backgrounds renewed;
-      renewed.put(info.exposure_ns, dark.mean());
-      intake.renew_backgrounds(std::move(renewed));
+      intake.renew_background(info.exposure_ns, info.table_angle_rad, dark.mean());
       dark = MeanFrame();
     }
     if (!start) start = info.table_angle_rad;

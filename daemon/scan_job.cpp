@@ -298,14 +298,16 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   auto feed = FrameFeed::start(equipment, observer, timing, turns.front().laser);
   if (!feed) return tl::make_unexpected(feed.error());
   if (*recording) (*feed)->record_frames_in(**recording);
+  std::vector<std::string> unreached;
   if (by_peaks) {
     for (std::size_t k = 0; k < exposures.size(); ++k) {
       (*feed)->use_laser(exposures[k].laser, first_stop);
       auto found = find_exposures(equipment, **feed, turns[k]);
       if (!found) return tl::make_unexpected(found.error());
       exposures[k].plans = std::move(found->plans);
-      std::move(found->unreached.begin(), found->unreached.end(), std::back_inserter(notes.warnings));
+      std::move(found->unreached.begin(), found->unreached.end(), std::back_inserter(unreached));
     }
+    notes.warnings.insert(notes.warnings.end(), unreached.begin(), unreached.end());
     turns = turns_with(exposures, *stops, equipment.calibration, equipment.volume);
     stand_at(first_stop, turns_at(0, turns), equipment);
     notes.exposures = exposures_of(turns_at(0, turns));
@@ -327,7 +329,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   RoomLightWatch room;
   DatumWatch datum(equipment.calibration, equipment.camera.mode(), shining, turns.front().stop);
   const ScanPreparation& dark = stereo ? *seen : turns.front().seen;
-  datum.at_rest(dark.backgrounds.of(equipment.camera.mode().exposure_ns), dark.background_at_rad);
+  // Pictures of a quick turn do not show the fiducials at rest.
+  if (!by_peaks) datum.at_rest(dark.backgrounds.of(equipment.camera.mode().exposure_ns, 0), dark.background_at_rad);
   clock.end("prepare");
 
   // Move, frame, line, profile, log, accumulate. The CAD helper starts meanwhile.
@@ -348,7 +351,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     std::optional<std::string> light;
     const LaserTurn& last = turn_of(**feed, turns);
     if (recorded == nullptr && !by_stereo)
-      light = light_although_off(equipment.camera, last.triangulator, last.seen, dark_since_ns);
+      light = light_although_off(equipment.camera, last.triangulator, last.seen, dark_since_ns,
+                                 (*feed)->status().angle_rad * equipment.calibration.encoder_scale.value);
     equipment.camera.stop();
     return light;
   };
@@ -395,7 +399,10 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
                   ? solve_wall(task.log_file, options, sums, look, *samples, notes)
                   : solve_shape(task.request.shape, options, *samples,
                                 centre_of(task.request, equipment.calibration, turns.front().stop), notes);
-  if (!body) return tl::make_unexpected(body.error());
+  if (!body) {
+    for (const std::string& why : unreached) body.error().reason += " " + why;
+    return tl::make_unexpected(body.error());
+  }
   clock.end("solve");
   if (const auto light = shines.get(); light && !unsafe) notes.warnings.push_back(*light);
   feed->reset();

@@ -52,7 +52,9 @@ tl::expected<void, ScanStop> look_again(const ScanEquipment& equipment, FrameFee
 tl::expected<bool, ScanStop> still_shines(const CaptureTools& tools, const LaserTurn& before) {
   FrameSource& camera = tools.equipment.camera;
   const std::int64_t dark_since_ns = tools.equipment.clock.now_ns();
-  if (!light_although_off(camera, before.triangulator, before.seen, dark_since_ns)) return false;
+  if (!light_although_off(camera, before.triangulator, before.seen, dark_since_ns,
+                          tools.feed.status().angle_rad * tools.equipment.calibration.encoder_scale.value))
+    return false;
   auto frame = tools.feed.next_after(dark_since_ns);
   if (!frame) return tl::make_unexpected(frame.error());
   const std::vector<std::uint8_t> picture(frame->bytes().begin(), frame->bytes().end());

@@ -6,6 +6,7 @@
 #include <span>
 
 #include "daemon/dark_frame.h"
+#include "daemon/dark_turn.h"
 #include "daemon/mean_frame.h"
 #include "daemon/scan_stops.h"
 
@@ -120,30 +121,6 @@ tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& fee
   return mean.mean();
 }
 
-tl::expected<Backgrounds, ScanStop> dark_backgrounds(const ScanEquipment& equipment, FrameFeed& feed,
-                                                     const ExposurePlan& plan) {
-  Backgrounds backgrounds;
-  const auto look = [&]() -> tl::expected<void, ScanStop> {
-    auto picture = dark_background(feed, equipment.clock);
-    if (!picture) return tl::make_unexpected(picture.error());
-    backgrounds.put(feed.exposure_in_force_ns(), std::move(*picture));
-    return {};
-  };
-  if (plan.empty()) {
-    if (auto looked = look(); !looked) return tl::make_unexpected(looked.error());
-    return backgrounds;
-  }
-  // That of the table's angle last: the turn begins with it.
-  const std::int64_t here_ns = plan.at_ns(feed.status().angle_rad * equipment.calibration.encoder_scale.value);
-  std::vector<std::int64_t> exposures_ns = plan.values_ns();
-  std::stable_partition(exposures_ns.begin(), exposures_ns.end(), [&](std::int64_t ns) { return ns != here_ns; });
-  for (const std::int64_t exposure_ns : exposures_ns) {
-    if (auto exposed = feed.expose_for(exposure_ns); !exposed) return tl::make_unexpected(exposed.error());
-    if (auto looked = look(); !looked) return tl::make_unexpected(looked.error());
-  }
-  return backgrounds;
-}
-
 tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, const ScanTask& task,
                                                ScanObserver& observer) {
   ScannerDevice& device = *equipment.device;
@@ -173,10 +150,17 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
                                                        const Triangulator& triangulator, const ExposurePlan& plan) {
   ScanPreparation preparation;
   if (auto off = feed.laser_off(); !off) return tl::make_unexpected(off.error());
-  auto backgrounds = dark_backgrounds(equipment, feed, plan);
-  if (!backgrounds) return tl::make_unexpected(backgrounds.error());
-  preparation.backgrounds = std::move(*backgrounds);
-  const std::span<const std::uint8_t> background = preparation.backgrounds.of(feed.exposure_in_force_ns());
+  if (plan.empty()) {
+    auto background = dark_background(feed, equipment.clock);
+    if (!background) return tl::make_unexpected(background.error());
+    preparation.backgrounds.put(feed.exposure_in_force_ns(), {}, std::move(*background));
+  } else {
+    auto backgrounds = dark_turn(equipment, feed, triangulator, plan);
+    if (!backgrounds) return tl::make_unexpected(backgrounds.error());
+    preparation.backgrounds = std::move(*backgrounds);
+  }
+  const std::span<const std::uint8_t> background = preparation.backgrounds.of(
+      feed.exposure_in_force_ns(), feed.status().angle_rad * equipment.calibration.encoder_scale.value);
   preparation.background_at_rad = feed.status().angle_rad;
 
   if (auto on = feed.laser_on(); !on) return tl::make_unexpected(on.error());
@@ -270,10 +254,10 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
     return device_failed("The recording has no frame with laser " + std::to_string(laser) + " on" +
                          (where.empty() ? "" : " at " + where) + "; record again.");
   }
-  preparation.backgrounds.put(look.info.exposure_ns, dark.mean());
+  preparation.backgrounds.put(look.info.exposure_ns, {}, dark.mean());
   LaserLineExtractor extractor({.along = triangulator.along()});
   std::vector<LineRow> rows(triangulator.line_count());
-  extractor.extract(camera.mode(), look.bytes(), preparation.backgrounds.of(look.info.exposure_ns), rows);
+  extractor.extract(camera.mode(), look.bytes(), preparation.backgrounds.of(look.info.exposure_ns, 0), rows);
   const LineBrightness brightness = brightness_of(rows);
   if (brightness.lines == 0) {
     return device_failed("No laser line is seen in frame " + std::to_string(look.info.sequence) +

@@ -51,11 +51,8 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
                                                ScanObserver& observer);
 /// Mean of a few frames that were exposed from now on. @pre the laser is off
 tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& feed, Clock& clock);
-/// The same for each exposure of a plan, of an empty one for that in force. Leaves the exposure for where the table
-/// stands. @pre the laser is off
-tl::expected<Backgrounds, ScanStop> dark_backgrounds(const ScanEquipment& equipment, FrameFeed& feed,
-                                                     const ExposurePlan& plan);
-/// Backgrounds with the laser off, then the laser on until its line is steady. Leaves the laser on.
+/// Backgrounds with the laser off, by a plan those of a quick turn, then the laser on until its line is steady. Leaves
+/// the laser on.
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
                                                        const Triangulator& triangulator, const ExposurePlan& plan = {});
 

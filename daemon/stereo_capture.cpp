@@ -144,7 +144,7 @@ tl::expected<ScanPreparation, ScanStop> StereoCapture::look() {
   seen.z_high_mm = *high;
   seen.samples = profile.size();
   seen.background_at_rad = first.encoder_rad;
-  seen.backgrounds.put(equipment_.camera.mode().exposure_ns, std::move(first.bytes));
+  seen.backgrounds.put(equipment_.camera.mode().exposure_ns, {}, std::move(first.bytes));
   return seen;
 }
 
