@@ -235,13 +235,14 @@ TEST(V4l2Exposure, is_not_sure_of_frames_just_after_a_change) {
   auto source = camera.open();
   ASSERT_TRUE(source->start());
   EXPECT_TRUE(source->next(0)->info.exposure_sure);
+  const std::int64_t settles_ns = std::max<std::int64_t>(200'000'000, 4 * source->mode().frame_period_ns);
   const std::int64_t before_ns = monotonic_ns();
   ASSERT_TRUE(source->set_exposure(2'000'000));
-  for (const std::int64_t stamp_ns : {before_ns - 50'000'000, before_ns, before_ns + 199'000'000}) {
+  for (const std::int64_t stamp_ns : {before_ns - 50'000'000, before_ns, before_ns + settles_ns - 1'000'000}) {
     camera.stamp_ns = stamp_ns;
     EXPECT_FALSE(source->next(0)->info.exposure_sure);
   }
-  const std::int64_t later_ns = monotonic_ns() + 201'000'000;
+  const std::int64_t later_ns = monotonic_ns() + settles_ns + 1'000'000;
   camera.stamp_ns = later_ns;
   EXPECT_TRUE(source->next(0)->info.exposure_sure);
   ASSERT_TRUE(source->set_exposure(2'000'000));  // the same changes nothing

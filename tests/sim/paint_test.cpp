@@ -12,7 +12,7 @@ namespace celadon::sim {
 namespace {
 
 using Eigen::Vector3d;
-constexpr int kWide = 320, kHigh = 256;
+constexpr int kWide = 640, kHigh = 512;
 
 Vector3d at(double psi_deg, double z_mm) {
   const double psi = psi_deg * std::numbers::pi / 180;
@@ -31,9 +31,9 @@ TEST(Paint, IsReadAndRefusedByItsText) {
 TEST(Paint, LiesOnAThirdOfTheTurnOrOnEveryOtherBand) {
   const Paint none, third{Paint::Where::third, 0.1}, bands{Paint::Where::bands, 0.1};
   EXPECT_EQ(none.albedo_at(at(60, 18)), 1);
-  for (const double psi : {3., 60., 117.}) EXPECT_EQ(third.albedo_at(at(psi, 5)), 0.1) << psi;
+  for (const double psi : {3., 60., 117.}) EXPECT_DOUBLE_EQ(third.albedo_at(at(psi, 5)), 0.1) << psi;
   for (const double psi : {123., 200., 300., 357., -3.}) EXPECT_EQ(third.albedo_at(at(psi, 5)), 1) << psi;
-  for (const double z : {13., 18., 23., 37., 47.}) EXPECT_EQ(bands.albedo_at(at(50, z)), 0.1) << z;
+  for (const double z : {13., 18., 23., 37., 47.}) EXPECT_DOUBLE_EQ(bands.albedo_at(at(50, z)), 0.1) << z;
   for (const double z : {1., 11., 25., 35., 49.}) EXPECT_EQ(bands.albedo_at(at(50, z)), 1) << z;
   EXPECT_NEAR(bands.albedo_at(at(0, 12)), 0.55, 1e-12) << "the middle of the edge";
   EXPECT_NEAR(third.albedo_at(at(120, 0)), 0.55, 1e-12);
@@ -69,7 +69,7 @@ TEST(Paint, WeakensTheLaserByItsAlbedo) {
     Renderer(cylinder(third), quiet()).render_line(e, painted);
     Renderer(cylinder({}), quiet()).render_line(e, plain);
     int lit = 0;
-    for (int y = 60; y < 200; ++y) {  // off the platter
+    for (int y = 120; y < 400; ++y) {  // off the platter
       for (int x = 0; x < kWide; ++x) {
         const auto i = static_cast<std::size_t>(y * kWide + x);
         if (plain[i] < 1) continue;
@@ -96,7 +96,7 @@ TEST(Paint, WeakensTheRoomsLightByItsAlbedo) {
       const auto hit = bare.intersect({camera.centre_W(), camera.ray_W(x, y)});
       if (!hit || hit->material != Material::object || hit->p.z() > 90) continue;
       const double along = std::fmod(hit->p.z(), 24), off = std::abs(std::fmod(hit->p.z(), 12) - 6);
-      if (off > 1) continue;  // room light is drawn on every eighth pixel: the middle of a band, 24 rows high
+      if (off > 1) continue;  // room light is drawn on every eighth pixel: the middle of a band, 48 rows high
       const auto i = static_cast<std::size_t>(y * kWide + x);
       const double share = (painted[i] - 4.) / (plain[i] - 4.);
       if (along > 12) {
