@@ -97,7 +97,6 @@ class FakeCamera {
         buffer.length = kFrameBytes;
         buffer.m.offset = buffer.index * kFrameBytes;
         buffer.flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
-        buffer.timestamp = {.tv_sec = stamp_ns / 1'000'000'000, .tv_usec = stamp_ns % 1'000'000'000 / 1000};
         return 0;
       }
       case VIDIOC_QBUF: {
@@ -114,6 +113,7 @@ class FakeCamera {
         queued_.erase(queued_.begin());
         buffer.sequence = sequence_++;
         buffer.bytesused = kFrameBytes;
+        buffer.timestamp = {.tv_sec = stamp_ns / 1'000'000'000, .tv_usec = stamp_ns % 1'000'000'000 / 1000};
         if (maps_nothing) {
           std::memset(reinterpret_cast<void*>(places[buffer.index]), static_cast<int>(buffer.sequence), kFrameBytes);
         }
