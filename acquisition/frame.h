@@ -54,6 +54,8 @@ struct FrameInfo {
   std::uint64_t sequence = 0;     ///< of the driver; a gap means lost frames
   std::int64_t stamp_ns = 0;      ///< of the driver, host clock; the time model of the calibration says what it means
   std::int64_t exposure_ns = 0;   ///< in force for this frame
+  bool exposure_sure = true;      ///< false: the exposure was changed just before, and the driver does not say which of
+                                  ///< the two this frame has
   std::uint32_t lost_before = 0;  ///< frames lost between the previous one and this one
   bool corrupt = false;           ///< the driver flagged an error in the buffer
   // Of a recording only, noted with the frame:
@@ -143,6 +145,9 @@ class FrameSource {
   virtual tl::expected<Frame, CameraError> next(std::int64_t timeout_ns) = 0;
   /// Exposure time for the frames to come; the value in force is returned.
   virtual tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) = 0;
+  /// Puts back the exposure, or the automatic, that was found before the first set_exposure(); nothing if there was
+  /// none. Also done by the destructor of a camera.
+  virtual void restore_exposure() noexcept {}
   /// Of a recording: its frames know their angles, and there is no machine; nullptr for a camera.
   virtual const RecordedScan* recorded() const { return nullptr; }
 };

@@ -96,7 +96,10 @@ class SimSource final : public FrameSource, public FrameReturn {
       : device_(std::move(device)), answer_limit_ns_(answer_limit_ns), leases_(device_) {}
   SimSource(const SimSource&) = delete;
   SimSource& operator=(const SimSource&) = delete;
-  ~SimSource() override { stop(); }
+  ~SimSource() override {
+    stop();
+    SimSource::restore_exposure();
+  }
 
   tl::expected<void, CameraError> connect(const std::string& folder);
 
@@ -124,8 +127,16 @@ class SimSource final : public FrameSource, public FrameReturn {
     auto reply = ask({.kind = RequestKind::set_exposure, .value = exposure_ns}, ReplyKind::exposure,
                      "setting the exposure to " + std::to_string(exposure_ns) + " ns", 0);
     if (!reply) return tl::unexpected(std::move(reply.error()));
+    if (!found_exposure_ns_) found_exposure_ns_ = mode_.exposure_ns;
     mode_.exposure_ns = reply->value;
     return reply->value;
+  }
+  void restore_exposure() noexcept override {
+    // A server that is gone has none to put back.
+    if (const auto found = std::exchange(found_exposure_ns_, std::nullopt); found && !lost_) {
+      static_cast<void>(set_exposure(*found));
+      found_exposure_ns_.reset();
+    }
   }
 
   void give_back(std::uint32_t slot) noexcept override {
@@ -155,6 +166,7 @@ class SimSource final : public FrameSource, public FrameReturn {
   Mapping frames_;
   std::size_t slot_bytes_ = 0, slot_count_ = 0;
   CameraMode mode_;
+  std::optional<std::int64_t> found_exposure_ns_;  ///< before the first set_exposure()
   LeaseBook leases_;
   bool started_ = false, lost_ = false, has_sequence_ = false;
   std::uint64_t last_sequence_ = 0;

@@ -81,13 +81,13 @@ tl::expected<std::int64_t, CameraError> V4l2Exposure::set(std::int64_t exposure_
   return *in_force * kUnitNs;
 }
 
-void V4l2Exposure::restore() noexcept {
+bool V4l2Exposure::restore() noexcept {
   // The time first: a device in automatic refuses it.
   if (found_time_) put(fd_, V4L2_CID_EXPOSURE_ABSOLUTE, *found_time_);
   if (found_auto_) put(fd_, V4L2_CID_EXPOSURE_AUTO, *found_auto_);
   found_time_.reset();
   found_auto_.reset();
-  touched_ = false;
+  return std::exchange(touched_, false);
 }
 
 }  // namespace celadon

@@ -21,7 +21,8 @@ class V4l2Exposure {
   /// Turns the automatic off, sets the time (the device's unit is 100 us, clamped to its range) and reads it back.
   tl::expected<std::int64_t, CameraError> set(std::int64_t exposure_ns);
   /// Puts both controls back as they were before the first set(). Tried even when one fails.
-  void restore() noexcept;
+  /// @returns whether there was a set()
+  bool restore() noexcept;
 
  private:
   int fd_;

@@ -30,6 +30,7 @@ using Kind = CameraError::Kind;
 /// Enough that a frame or two can be held back until the table's angle is known while the driver fills others.
 constexpr std::uint32_t kBuffers = 8;
 constexpr std::uint32_t kFewestBuffers = 2;
+constexpr std::int64_t kExposureSettles_ns = 200'000'000, kExposureFrames = 4;
 constexpr const char* kConnectAgain = "connect the camera and open it again";
 
 /// Luma from 16 to 235, as the driver says or, if it does not, as V4L2 has it for YUV.
@@ -72,8 +73,11 @@ class V4l2Source final : public FrameSource, public FrameReturn {
 
   tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) override {
     auto in_force = exposure_.set(exposure_ns);
-    if (in_force) mode_.exposure_ns = *in_force;
+    if (in_force) take_exposure(*in_force);
     return in_force;
+  }
+  void restore_exposure() noexcept override {
+    if (exposure_.restore()) take_exposure(exposure_.in_force_ns());
   }
 
   void give_back(std::uint32_t index) noexcept override {
@@ -89,6 +93,12 @@ class V4l2Source final : public FrameSource, public FrameReturn {
     std::size_t size;
   };
 
+  /// Cameras take a new exposure some frames later, and no driver says with which frame.
+  void take_exposure(std::int64_t in_force_ns) {
+    if (in_force_ns == mode_.exposure_ns) return;
+    mode_.exposure_ns = in_force_ns;
+    exposure_sure_from_ns_ = monotonic_ns() + std::max(kExposureSettles_ns, kExposureFrames * mode_.frame_period_ns);
+  }
   int queue(std::uint32_t index) {
     v4l2_buffer buffer{};
     buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
@@ -136,6 +146,7 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   LeaseBook leases_;
   bool streaming_ = false, requested_ = false, has_sequence_ = false;
   std::uint64_t last_sequence_ = 0;
+  std::int64_t exposure_sure_from_ns_ = INT64_MIN;  ///< stamps of frames that have mode_.exposure_ns
 };
 
 tl::expected<void, CameraError> V4l2Source::configure(const V4l2Address& address) {
@@ -405,6 +416,7 @@ tl::expected<Frame, CameraError> V4l2Source::lend(const v4l2_buffer& buffer) {
   info.lost_before = has_sequence_ && step > 0 ? step - 1 : 0;
   info.stamp_ns = std::int64_t{buffer.timestamp.tv_sec} * 1'000'000'000 + std::int64_t{buffer.timestamp.tv_usec} * 1000;
   info.exposure_ns = mode_.exposure_ns;
+  info.exposure_sure = info.stamp_ns >= exposure_sure_from_ns_;
   info.corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused < least_bytes_;
   last_sequence_ = info.sequence;
   has_sequence_ = true;

@@ -18,7 +18,8 @@ std::string shines(int rows, const std::string& frame) {
 }  // namespace
 
 std::optional<std::string> light_although_off(FrameSource& camera, const Triangulator& triangulator,
-                                              const ScanPreparation& seen, std::int64_t dark_since_ns) {
+                                              const ScanPreparation& seen, std::int64_t dark_since_ns,
+                                              double turn_rad) {
   for (int k = 0; k < kMostFrames; ++k) {
     auto frame = camera.next(kFrameLimit_ns);
     if (!frame) return std::nullopt;
@@ -26,16 +27,20 @@ std::optional<std::string> light_although_off(FrameSource& camera, const Triangu
     if (info.corrupt || triangulator.row_instant_ns(info, 0) - info.exposure_ns / 2 < dark_since_ns) continue;
     LaserLineExtractor extractor({.along = triangulator.along()});
     std::vector<LineRow> rows(triangulator.line_count());
-    extractor.extract(camera.mode(), frame->bytes(), seen.background, rows);
+    extractor.extract(camera.mode(), frame->bytes(), seen.backgrounds.of(info.exposure_ns, turn_rad), rows);
     const LineBrightness now = brightness_of(rows);
-    if (now.lines < kRowShare * seen.line.lines || now.amplitude < kBrightnessShare * seen.line.amplitude)
+    // At a shorter exposure than before the same light is darker.
+    const double as_exposed = seen.exposure_ns > info.exposure_ns && info.exposure_ns > 0
+                                  ? static_cast<double>(info.exposure_ns) / static_cast<double>(seen.exposure_ns)
+                                  : 1;
+    if (now.lines < kRowShare * seen.line.lines || now.amplitude < kBrightnessShare * as_exposed * seen.line.amplitude)
       return std::nullopt;
     return shines(now.lines, "A frame taken after the laser was switched off");
   }
   return std::nullopt;
 }
 
-std::optional<std::string> light_in_background(const CameraMode& mode, const std::vector<std::uint8_t>& background,
+std::optional<std::string> light_in_background(const CameraMode& mode, std::span<const std::uint8_t> background,
                                                LineAlong along) {
   LaserLineExtractor extractor({.along = along});
   std::vector<LineRow> rows(static_cast<std::size_t>(along == LineAlong::rows ? mode.height_px : mode.width_px));

@@ -151,6 +151,19 @@ tl::expected<void, ScanStop> FrameFeed::renew_lease(bool granting) {
   return {};
 }
 
+tl::expected<void, ScanStop> FrameFeed::expose_for(std::int64_t exposure_ns) {
+  if (exposure_ns == exposure_asked_ns_) return {};
+  auto in_force = equipment_.camera.set_exposure(exposure_ns);
+  if (!in_force) {
+    ScanStop stop = stop_of(in_force.error());
+    stop.camera_lost = in_force.error().kind == CameraError::Kind::unplugged;
+    return tl::make_unexpected(std::move(stop));
+  }
+  exposure_asked_ns_ = exposure_ns;
+  exposure_in_force_ns_ = *in_force;
+  return {};
+}
+
 tl::expected<void, ScanStop> FrameFeed::laser_on() {
   lit_ = true;
   return renew_lease(true);
@@ -202,7 +215,12 @@ std::optional<ScanStop> FrameFeed::too_slow(int unlit_frames, const FrameInfo& f
 tl::expected<Frame, ScanStop> FrameFeed::next() {
   for (int unlit = 0;;) {
     auto frame = next_whole();
-    if (!frame || light_on(frame->info) != LeaseHistory::Light::not_sure) return frame;
+    if (!frame) return frame;
+    if (!frame->info.exposure_sure) {
+      verdict(frame->info, FrameVerdict::stale);
+      continue;
+    }
+    if (light_on(frame->info) != LeaseHistory::Light::not_sure) return frame;
     verdict(frame->info, FrameVerdict::unlit);
     if (auto stop = too_slow(++unlit, frame->info)) return tl::make_unexpected(*stop);
   }
@@ -251,7 +269,9 @@ tl::expected<Frame, ScanStop> FrameFeed::next_after(std::int64_t instant_ns) {
     if (!frame) return frame;
     const FrameInfo& info = frame->info;
     const LeaseHistory::Light light = light_on(info);
-    if (triangulator_.row_instant_ns(info, 0) - info.exposure_ns / 2 < instant_ns ||
+    const bool other_exposure = exposure_in_force_ns_ != 0 && info.exposure_ns != exposure_in_force_ns_;
+    if (!info.exposure_sure || other_exposure ||
+        triangulator_.row_instant_ns(info, 0) - info.exposure_ns / 2 < instant_ns ||
         light == LeaseHistory::Light::warming_up) {
       verdict(info, FrameVerdict::stale);
       ++stale;

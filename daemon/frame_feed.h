@@ -1,6 +1,7 @@
 #pragma once
 // The loop that accepts frames: the only place that renews the laser's lease. Between two frames it polls the device.
 
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 
@@ -38,14 +39,26 @@ class FrameFeed {
   /// Keeps a frame that was used; nothing without a recording.
   tl::expected<void, ScanStop> keep(const Frame& frame, const AngleAtInstant& angle, FrameUse use);
 
-  /// Which laser is meant from now on, and where the axes beside the table stand. @pre all lasers are off
-  void use_laser(int laser, const AxisStop& stop = {}) {
+  /// Which laser is meant from now on, where the axes beside the table stand, and for which of a scan's turns.
+  /// @pre all lasers are off
+  void use_laser(int laser, const AxisStop& stop = {}, std::size_t turn_number = 0) {
     laser_ = laser;
     stop_ = stop;
+    turn_number_ = turn_number;
     leases_.set_warm_up(0);
   }
   int laser() const { return laser_; }
   const AxisStop& stop() const { return stop_; }
+  std::size_t turn_number() const { return turn_number_; }
+
+  /// Exposure of the frames to come; the camera is asked only if it was asked for another one before. Frames from
+  /// before have the old one in their FrameInfo, and next_after() drops them; those of which the driver cannot tell are
+  /// dropped and counted as stale.
+  tl::expected<void, ScanStop> expose_for(std::int64_t exposure_ns);
+  /// As the camera answered to expose_for(); as the camera stands where it was not asked.
+  std::int64_t exposure_in_force_ns() const {
+    return exposure_in_force_ns_ != 0 ? exposure_in_force_ns_ : equipment_.camera.mode().exposure_ns;
+  }
   /// Grants the first lease. The laser stays on while next() accepts frames.
   tl::expected<void, ScanStop> laser_on();
   /// After a move without frames: renews the lease, or grants a new one if it ran out.
@@ -61,8 +74,8 @@ class FrameFeed {
   /// button was pressed, when no good frame came for two seconds, when the lease runs out before one frame after the
   /// other, when time stamps cannot be, or when the device is not fit to scan.
   tl::expected<Frame, ScanStop> next();
-  /// The same, but frames whose exposure began before an instant of the host clock, or while the laser warmed up, are
-  /// dropped and counted as stale.
+  /// The same, but frames whose exposure began before an instant of the host clock, or while the laser warmed up, or
+  /// which have another exposure than expose_for() asked for, are dropped and counted as stale.
   tl::expected<Frame, ScanStop> next_after(std::int64_t instant_ns);
 
   /// Takes frames until the table, which ends its move by itself, stands; a stop after 30 s.
@@ -102,6 +115,8 @@ class FrameFeed {
   const Triangulator& triangulator_;
   int laser_;
   AxisStop stop_;
+  std::size_t turn_number_ = 0;
+  std::int64_t exposure_asked_ns_ = 0, exposure_in_force_ns_ = 0;  ///< 0: nobody asked
   ProfileLogWriter* log_ = nullptr;
   RecordingWriter* recording_ = nullptr;
   AngleTimeline timeline_;

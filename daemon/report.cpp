@@ -67,6 +67,21 @@ void put_lasers(Json& json, const ResultNotes& notes) {
                           {"cells", e.cells}};
 }
 
+void put_exposures(Json& json, const std::vector<TurnExposures>& turns) {
+  bool bracketed = false;
+  Json list = Json::array();
+  for (std::size_t k = 0; k < turns.size(); ++k) {
+    bracketed = bracketed || (k > 0 && turns[k].laser == turns[k - 1].laser);
+    Json stretches = Json::array();
+    for (const ExposurePlan::Stretch& s : turns[k].stretches) {
+      stretches.push_back(
+          {{"from_deg", s.from_deg}, {"to_deg", s.to_deg}, {"exposure_ms", static_cast<double>(s.exposure_ns) * 1e-6}});
+    }
+    list.push_back({{"laser", turns[k].laser}, {"stretches", std::move(stretches)}});
+  }
+  json["exposures"] = {{"bracketed", bracketed}, {"turns", std::move(list)}};
+}
+
 void put_dry_turn(Json& json, const DryTurn& dry) {
   Json& out = json["dry_turn"] = {{"profiles", dry.profiles}, {"sd_mm", dry.sd_mm}};
   if (dry.seconds) out["seconds"] = *dry.seconds;
@@ -194,6 +209,7 @@ void put_notes(Json& json, const std::vector<std::string>& warnings_of_fit, cons
   }
   if (notes.closure_mm) json["closure_mm"] = to_json(*notes.closure_mm);
   put_lasers(json, notes);
+  if (!notes.exposures.empty()) put_exposures(json, notes.exposures);
   if (!notes.checks.empty()) json["checks"] = to_json(notes.checks);
   if (notes.dry_turn) put_dry_turn(json, *notes.dry_turn);
   if (!notes.dimensions.empty()) {

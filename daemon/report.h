@@ -14,6 +14,7 @@
 #include "daemon/checks/self_check.h"
 #include "daemon/dimension.h"
 #include "daemon/export/cad_client.h"
+#include "daemon/exposure_plan.h"
 #include "daemon/view_watch.h"
 #include "fitting/composite_fit.h"
 #include "fitting/flat_ends.h"
@@ -99,6 +100,12 @@ struct DryTurn {
   ExposureAdvice exposure;
 };
 
+/// The exposures of one turn at each stop, found from the line's own peaks.
+struct TurnExposures {
+  int laser = 0;
+  std::vector<ExposurePlan::Stretch> stretches;  ///< all around
+};
+
 /// What the result files say besides the fit itself.
 struct ResultNotes {
   std::string name = "object";
@@ -109,8 +116,9 @@ struct ResultNotes {
   std::vector<StageSeconds> seconds;
   std::optional<TruthError> truth_mm;
   std::optional<ScanCounters> scan;
-  std::optional<ClosureError> closure_mm;  ///< of several lasers the worst
-  std::vector<LaserShare> lasers = {};     ///< after a scan, in the order of their turns
+  std::optional<ClosureError> closure_mm;     ///< of several lasers the worst
+  std::vector<LaserShare> lasers = {};        ///< after a scan, in the order of their turns
+  std::vector<TurnExposures> exposures = {};  ///< of a scan with the exposure auto
   std::optional<AgreementError> agreement_mm = {};
   std::optional<StereoShare> stereo = {};  ///< of a scan without a laser
   std::vector<SelfCheck> checks;           ///< of a scan

@@ -6,23 +6,18 @@
 #include <cstdio>
 #include <numbers>
 
+#include "daemon/bracketed_rows.h"
 #include "daemon/closure_test.h"
 #include "daemon/mean_frame.h"
 #include "daemon/running_fit.h"
+#include "daemon/table_turn.h"
 
 namespace celadon {
 namespace {
 
 constexpr double kTurn_rad = 2 * std::numbers::pi;
 constexpr auto kProgressInterval = std::chrono::milliseconds(100);
-constexpr int kFramesAtRest = 20;           // of a sweep, after which the table has stopped short
 constexpr double kLossWorthTelling = 0.01;  // share of frames
-
-std::string degrees(double rad) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.2f degrees", rad * 180 / std::numbers::pi);
-  return text;
-}
 
 tl::unexpected<ScanStop> capture_failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
@@ -34,55 +29,14 @@ std::int64_t middle_of(const CaptureTools& tools, const FrameInfo& frame) {
   return tools.turn->triangulator.row_instant_ns(frame, last_row / 2);
 }
 
-/// How the turn is laid out: `profiles` angles a turn, and so many again for the closure test.
-struct Turn {
-  Turn(const ScanEquipment& equipment, int profiles_of_turn)
-      : profiles(profiles_of_turn),
-        pitch_rad(kTurn_rad / profiles),
-        overlap_profiles(std::max(4, profiles / 60)),
-        overlap_rad(overlap_profiles * pitch_rad),
-        encoder_per_true(1 / equipment.calibration.encoder.scale.value),
-        encoder(equipment.calibration.encoder) {}
-  explicit Turn(const CaptureTools& tools) : Turn(tools.equipment, tools.request.profiles) {}
-  int profiles;
-  double pitch_rad;
-  int overlap_profiles;
-  double overlap_rad;
-  double encoder_per_true;  ///< over a whole turn
-  TableEncoder encoder;
-
-  /// True angle from one of the encoder's angles to another, positive where that rises.
-  double turned_rad(double from_encoder_rad, double to_encoder_rad) const {
-    return encoder.direction * (encoder.table_rad(to_encoder_rad) - encoder.table_rad(from_encoder_rad));
-  }
-};
-
-/// How far the table goes for one turn: angles of the encoder from where it stands.
-struct Way {
-  double speed_rad_per_s = 0, run_up_rad = 0, whole_rad = 0;
-};
-
-/// A frame every pitch. The run-up and the run-out keep the turn itself at constant speed.
-Way way_of_sweep(const ScanEquipment& equipment, const Turn& turn) {
-  const ScannerDevice& device = *equipment.device;
-  const double period_s = static_cast<double>(equipment.camera.mode().frame_period_ns) * 1e-9;
-  Way way;
-  way.speed_rad_per_s =
-      std::min(turn.pitch_rad * turn.encoder_per_true / period_s, device.capabilities().max_speed_rad_per_s);
-  way.run_up_rad = device.run_up_rad(way.speed_rad_per_s) + 4 * way.speed_rad_per_s * period_s;
-  way.whole_rad = (kTurn_rad + turn.overlap_rad) * turn.encoder_per_true + 2 * way.run_up_rad;
-  return way;
-}
-
-/// One step before the first profile, so that it is approached from the same side as all others.
-Way way_of_steps(const Turn& turn) {
-  return {0, 0, (turn.profiles + turn.overlap_profiles + 1) * turn.pitch_rad * turn.encoder_per_true};
+TurnLayout layout_of(const CaptureTools& tools) {
+  return {tools.equipment, tools.request.profiles};
 }
 
 /// Takes frames to profiles, and profiles to log, sums, closure test and progress.
 class Intake {
  public:
-  Intake(const CaptureTools& tools, const Turn& turn)
+  Intake(const CaptureTools& tools, const TurnLayout& turn)
       : tools_(tools),
         turn_(turn),
         closure_(turn.overlap_rad),
@@ -90,7 +44,7 @@ class Intake {
         extractor_({.along = tools.turn->triangulator.along()}),
         rows_(tools.turn->triangulator.line_count()),
         previous_(rows_.size()),
-        background_(tools.turn->seen.background) {
+        backgrounds_(tools.turn->seen.backgrounds) {
     profile_.laser = static_cast<std::uint8_t>(tools.turn->laser);
     share_.laser = tools.turn->laser;
     share_.stop = tools.turn->stop;
@@ -105,10 +59,11 @@ class Intake {
       return kept;
     }
     std::swap(rows_, previous_);
+    const std::span<const std::uint8_t> background = backgrounds_.of(info.exposure_ns, table_rad(angle.middle));
     const CameraMode& mode = tools_.equipment.camera.mode();
-    extractor_.extract(mode, frame.bytes(), background_, rows_, previous_);
+    extractor_.extract(mode, frame.bytes(), background, rows_, previous_);
     room_change_levels_ =
-        tools_.room.see(mode, frame.bytes(), background_, rows_, tools_.turn->triangulator.along(), turned_rad);
+        tools_.room.see(mode, frame.bytes(), background, rows_, tools_.turn->triangulator.along(), turned_rad);
     if (tools_.so_far->turn == 0) {
       tools_.datum.see(
           frame.bytes(),
@@ -116,12 +71,16 @@ class Intake {
           turned_rad, angle.middle.speed_rad_per_s);
     }
     if (tools_.turn->stop_number == 0) {
-      tools_.datum.line(tools_.turn->laser, frame.bytes(), background_);
+      tools_.datum.line(tools_.turn->laser, frame.bytes(), background);
     }
     frame.release();  // the driver gets its buffer back before anything slower happens
     const auto counts = tools_.turn->triangulator.triangulate(
         rows_, info, [&](std::int64_t ns) { return angle.at(ns); }, profile_);
     if (tools_.turn->stop_number == 0) tools_.datum.object(profile_);
+    if (!tools_.turn->other_plan.empty()) {
+      leave_to_other_exposure(rows_, info.exposure_ns, tools_.turn->other_plan.at_ns(table_rad(angle.middle)),
+                              profile_);
+    }
     tools_.so_far->ambiguous += static_cast<std::uint64_t>(counts.ambiguous);
     tools_.feed.verdict(info, profile_.size() > 0 ? FrameVerdict::profile : FrameVerdict::no_line);
     profile_.index = tools_.so_far->profiles++;
@@ -148,9 +107,13 @@ class Intake {
 
   /// Of the frame taken last, by how much the room was brighter than in the background.
   double room_change_levels() const { return room_change_levels_; }
-  /// Of the frames to come, with the laser off.
-  void renew_background(std::vector<std::uint8_t> background) {
-    background_ = std::move(background);
+  /// Of the frames to come; by a plan of those with that exposure in this part of the turn, others ask for theirs by
+  /// what they show.
+  void renew_background(std::int64_t exposure_ns, double encoder_rad, std::vector<std::uint8_t> background) {
+    const auto part = tools_.turn->plan.empty()
+                          ? std::nullopt
+                          : std::optional(Backgrounds::part_of(encoder_rad / turn_.encoder_per_true));
+    backgrounds_.put(exposure_ns, part, std::move(background));
     tools_.room.renewed();
   }
 
@@ -196,6 +159,8 @@ class Intake {
     return options;
   }
 
+  double table_rad(const AngleAtInstant& encoder) const { return encoder.angle_rad / turn_.encoder_per_true; }
+
   void report(double turned_rad, bool now = false) {
     const auto time = std::chrono::steady_clock::now();
     if (!now && time - last_report_ < kProgressInterval) return;
@@ -221,12 +186,12 @@ class Intake {
   }
 
   const CaptureTools& tools_;
-  const Turn turn_;
+  const TurnLayout turn_;
   ClosureTest closure_;
   RunningFit running_fit_;
   LaserLineExtractor extractor_;
   std::vector<LineRow> rows_, previous_;  ///< of this frame and of the one before
-  std::vector<std::uint8_t> background_;
+  Backgrounds backgrounds_;
   double room_change_levels_ = 0;
   Profile profile_;
   LaserShare share_;
@@ -238,70 +203,42 @@ tl::expected<void, ScanStop> look_at_room(const CaptureTools& tools, Intake& int
   if (auto off = tools.feed.laser_off(); !off) return off;
   auto background = dark_background(tools.feed, tools.equipment.clock);
   if (!background) return tl::make_unexpected(background.error());
-  intake.renew_background(std::move(*background));
+  intake.renew_background(tools.feed.exposure_in_force_ns(), tools.feed.status().angle_rad, std::move(*background));
   return tools.feed.laser_on();
+}
+
+/// What the turn's plan wants at an angle of the encoder.
+tl::expected<void, ScanStop> expose_at(const CaptureTools& tools, const TurnLayout& turn, double encoder_rad) {
+  if (tools.turn->plan.empty()) return {};
+  return tools.feed.expose_for(tools.turn->plan.at_ns(encoder_rad / turn.encoder_per_true));
 }
 
 }  // namespace
 
-bool turn_fits_travel(const ScanEquipment& equipment, double target_rad) {
-  const DeviceCapabilities& limits = equipment.device->capabilities();
-  return limits.endless_rotation || target_rad <= limits.travel_rad;
-}
-
 double seconds_of_sweep(const ScanEquipment& equipment, int profiles) {
-  const Way way = way_of_sweep(equipment, Turn(equipment, profiles));
+  const TableWay way = way_of_sweep(equipment, TurnLayout(equipment, profiles));
   return way.whole_rad / way.speed_rad_per_s;
 }
 
 tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
-  const Turn turn(tools);
-  ScannerDevice& device = *tools.equipment.device;
+  const TurnLayout turn = layout_of(tools);
   FrameFeed& feed = tools.feed;
-  const DeviceCapabilities& limits = device.capabilities();
-
-  const Way way = way_of_sweep(tools.equipment, turn);
+  const DeviceCapabilities& limits = tools.equipment.device->capabilities();
+  const TableWay way = way_of_sweep(tools.equipment, turn);
   const double speed = way.speed_rad_per_s;
-  const double start = feed.status().angle_rad + way.run_up_rad;
-  const double end_turned = kTurn_rad + turn.overlap_rad;
-  const double target = feed.status().angle_rad + way.whole_rad;
-  if (!turn_fits_travel(tools.equipment, target)) {
-    return capture_failed("A sweep needs the table to turn to " + degrees(target) + ", but its travel ends at " +
-                          degrees(limits.travel_rad) + "; scan in steps.");
-  }
-
-  if (auto moving = device.start_sweep(target, speed); !moving) return tl::make_unexpected(stop_of(moving.error()));
+  Clock& clock = tools.equipment.clock;
+  if (auto exposed = expose_at(tools, turn, feed.status().angle_rad + way.run_up_rad); !exposed)
+    return tl::make_unexpected(exposed.error());
   feed.count_lost_frames();
   Intake intake(tools, turn);
-  int at_rest = 0;
-  while (true) {
-    auto frame = feed.next();
-    if (!frame) return tl::make_unexpected(frame.error());
-    const FrameInfo info = frame->info;
-    const std::int64_t middle_ns = middle_of(tools, info);
-    const auto angle = feed.timeline().at(middle_ns);
-    at_rest = feed.status().motion == MotionState::moving ? 0 : at_rest + 1;
-    if (!angle) {
-      if (at_rest > kFramesAtRest) {
-        return capture_failed("The table has turned, but the time stamps of the frames belong to no position of it (" +
-                              std::string(angle.error()) + "); check the camera's clock and start a new scan.");
-      }
-      feed.verdict(info, FrameVerdict::no_angle);
-      continue;
-    }
-    const double turned = turn.turned_rad(start, angle->angle_rad);
-    if (turned >= end_turned) break;
-    if (at_rest > kFramesAtRest) {
-      return capture_failed("The table stopped after " + degrees(std::max(turned, 0.)) + " of " + degrees(end_turned) +
-                            "; check what blocks it and start a new scan.");
-    }
-    if (turned < 0) {
-      feed.verdict(info, FrameVerdict::outside_turn);
-      continue;
-    }
-    auto taken = intake.take(std::move(*frame), {*angle, middle_ns}, turned);
-    if (!taken) return tl::make_unexpected(taken.error());
-  }
+  const auto take = [&](Frame frame, const FrameAngle& angle, double turned) -> tl::expected<void, ScanStop> {
+    // The frames to come are exposed further on: by where the table is by now.
+    const double now_rad = angle.at(clock.now_ns()).angle_rad;
+    if (auto exposed = expose_at(tools, turn, now_rad); !exposed) return exposed;
+    return intake.take(std::move(frame), angle, turned);
+  };
+  auto swept = sweep_table(tools.equipment, feed, turn, tools.turn->triangulator, take);
+  if (!swept) return tl::make_unexpected(swept.error());
   CaptureResult result = intake.result();
   if (limits.stamped_by_host) {
     const double longest_s = static_cast<double>(feed.counts().longest_exchange_ns) * 1e-9;
@@ -318,7 +255,7 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
 }
 
 tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
-  const Turn turn(tools);
+  const TurnLayout turn = layout_of(tools);
   ScannerDevice& device = *tools.equipment.device;
   FrameFeed& feed = tools.feed;
   const DeviceCapabilities& limits = device.capabilities();
@@ -327,13 +264,16 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
   const int steps = turn.profiles + turn.overlap_profiles;
   const double target = base + way_of_steps(turn).whole_rad;
   if (!turn_fits_travel(tools.equipment, target)) {
-    return capture_failed("The scan needs the table to turn to " + degrees(target) + ", but its travel ends at " +
-                          degrees(limits.travel_rad) + "; home it, or ask for fewer profiles.");
+    return capture_failed("The scan needs the table to turn to " + degrees_text(target) + ", but its travel ends at " +
+                          degrees_text(limits.travel_rad) + "; home it, or ask for fewer profiles.");
   }
   const double sigma_rad = limits.encoder_resolution_rad / std::sqrt(12.);
 
   Intake intake(tools, turn);
   for (int k = 0; k < steps; ++k) {
+    // Before the move, so that the camera has it when the table rests.
+    if (auto exposed = expose_at(tools, turn, base + (k + 1) * pitch); !exposed)
+      return tl::make_unexpected(exposed.error());
     auto settled = device.rotate_to(base + (k + 1) * pitch, limits.max_speed_rad_per_s);
     if (!settled) return tl::make_unexpected(stop_of(settled.error()));
     if (auto on = feed.keep_laser_on(); !on) return tl::make_unexpected(on.error());
@@ -353,7 +293,7 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
 }
 
 tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
-  const Turn turn(tools);
+  const TurnLayout turn = layout_of(tools);
   FrameSource& camera = tools.equipment.camera;
   camera.stop();  // from its first frame again
   if (auto started = camera.start(); !started) return tl::make_unexpected(stop_of(started.error()));
@@ -372,7 +312,7 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
     }
     if (info.use != FrameUse::turn && info.use != FrameUse::overlap) continue;
     if (dark.count() > 0) {
-      intake.renew_background(dark.mean());
+      intake.renew_background(info.exposure_ns, info.table_angle_rad, dark.mean());
       dark = MeanFrame();
     }
     if (!start) start = info.table_angle_rad;
@@ -389,8 +329,8 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools) {
 }
 
 bool turn_fits_travel(const CaptureTools& tools) {
-  const Turn turn(tools);
-  const Way way = tools.request.mode == ScanMode::sweep ? way_of_sweep(tools.equipment, turn) : way_of_steps(turn);
+  const TurnLayout turn = layout_of(tools);
+  const TableWay way = tools.request.mode == ScanMode::sweep ? way_of_sweep(tools.equipment, turn) : way_of_steps(turn);
   return turn_fits_travel(tools.equipment, tools.feed.status().angle_rad + way.whole_rad);
 }
 

@@ -15,6 +15,7 @@
 #include "acquisition/laser_line.h"
 #include "daemon/checks/profile_jitter.h"
 #include "daemon/datum_watch.h"
+#include "daemon/exposure_plan.h"
 #include "daemon/frame_feed.h"
 #include "daemon/laser_agreement.h"
 #include "daemon/profile_log.h"
@@ -27,13 +28,15 @@
 
 namespace celadon {
 
-/// One laser's turn at one stop of the axes beside the table: what its pixels mean, and what was seen of the object
-/// before it.
+/// One laser's turn at one stop of the axes beside the table, one of two if it takes two exposures: what its pixels
+/// mean, and what was seen of the object before it.
 struct LaserTurn {
   int laser = 0;
   std::size_t stop_number = 0;  ///< of the scan's stops
   AxisStop stop;                ///< where the axes shall stand; once they do, where they stand
   Triangulator triangulator;
+  ExposurePlan plan = {};        ///< of this turn
+  ExposurePlan other_plan = {};  ///< of the turn that sees the same with another exposure; empty: there is none
   ScanPreparation seen = {};
 };
 
@@ -82,8 +85,6 @@ tl::expected<CaptureResult, ScanStop> replay(const CaptureTools& tools);
 /// How long a turn of a sweep takes, by camera and table.
 double seconds_of_sweep(const ScanEquipment& equipment, int profiles);
 
-/// Whether the table's travel holds an angle of its encoder, rising from where it stands.
-bool turn_fits_travel(const ScanEquipment& equipment, double target_rad);
 /// Whether the table can make the turn that the request wants from where it stands.
 bool turn_fits_travel(const CaptureTools& tools);
 

@@ -18,6 +18,7 @@
 #include "daemon/dark_frame.h"
 #include "daemon/datum_watch.h"
 #include "daemon/export/cad_client.h"
+#include "daemon/exposure_search.h"
 #include "daemon/frame_feed.h"
 #include "daemon/laser_agreement.h"
 #include "daemon/profile_log.h"
@@ -130,10 +131,18 @@ DryTurn dry_turn_of(const ScanRequest& asked, const ScanEquipment& equipment, co
   return dry;
 }
 
+/// What the report says of the exposures.
+std::vector<TurnExposures> exposures_of(std::span<const LaserTurn> turns) {
+  std::vector<TurnExposures> out;
+  for (const LaserTurn& turn : turns) out.push_back({turn.laser, turn.plan.stretches()});
+  return out;
+}
+
 /// Where the frames of this scan are kept; nothing unless that was asked for.
 tl::expected<std::unique_ptr<RecordingWriter>, ScanStop> open_recording(const ScanEquipment& equipment,
                                                                         const ScanTask& task) {
-  if (task.recording_folder.empty() || task.request.method == ScanMethod::stereo) return nullptr;
+  if (task.recording_folder.empty() || task.request.method == ScanMethod::stereo || task.request.exposure_auto)
+    return nullptr;
   std::error_code error;
   std::filesystem::create_directories(task.recording_folder, error);
   if (error) {
@@ -262,24 +271,48 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   const auto stops = recorded != nullptr ? stops_of(*recorded, equipment.calibration)
                                          : stops_of(task.request, equipment.calibration, travels_of(equipment.device));
   if (!stops) return failed(stops.error(), ScanFailure::device);
-  std::vector<LaserTurn> turns = turns_with(*lasers, *stops, equipment.calibration, equipment.volume);
-  const std::span<LaserTurn> first_turns = turns_at(0, turns);
+  std::vector<LaserExposures> exposures;
+  for (const int laser : *lasers) exposures.push_back({laser, {}});
+  std::vector<LaserTurn> turns = turns_with(exposures, *stops, equipment.calibration, equipment.volume);
+  AxisStop first_stop = stops->front();
+  const ExposureOnExit exposure(equipment.camera);
   if (recorded == nullptr) {
     auto ready = make_device_ready(equipment, task, observer);
     if (!ready) return tl::make_unexpected(ready.error());
-    const auto stop = bring_axes_to(stops->front(), *equipment.device, equipment.calibration);
+    const auto stop = bring_axes_to(first_stop, *equipment.device, equipment.calibration);
     if (!stop) return tl::make_unexpected(stop.error());
-    stand_at(*stop, first_turns, equipment);
+    first_stop = *stop;
+    stand_at(first_stop, turns_at(0, turns), equipment);
   }
   if (by_stereo && !task.recording_folder.empty()) {
     notes.warnings.emplace_back("The frames of this scan are not kept: recordings are of laser lines, not of stereo.");
   }
+  const bool by_peaks = task.request.exposure_auto && recorded == nullptr;
+  if (by_peaks && !task.recording_folder.empty()) {
+    notes.warnings.emplace_back("The frames of this scan are not kept: recordings are of one exposure a turn.");
+  }
   const std::vector<int> shining = by_stereo ? std::vector<int>() : *lasers;
   auto recording = open_recording(equipment, task);
   if (!recording) return tl::make_unexpected(recording.error());
-  auto feed = FrameFeed::start(equipment, observer, turns.front().triangulator, turns.front().laser);
+  const Triangulator timing = turns.front().triangulator;
+  auto feed = FrameFeed::start(equipment, observer, timing, turns.front().laser);
   if (!feed) return tl::make_unexpected(feed.error());
   if (*recording) (*feed)->record_frames_in(**recording);
+  std::vector<std::string> unreached;
+  if (by_peaks) {
+    for (std::size_t k = 0; k < exposures.size(); ++k) {
+      (*feed)->use_laser(exposures[k].laser, first_stop);
+      auto found = find_exposures(equipment, **feed, turns[k]);
+      if (!found) return tl::make_unexpected(found.error());
+      exposures[k].plans = std::move(found->plans);
+      std::move(found->unreached.begin(), found->unreached.end(), std::back_inserter(unreached));
+    }
+    notes.warnings.insert(notes.warnings.end(), unreached.begin(), unreached.end());
+    turns = turns_with(exposures, *stops, equipment.calibration, equipment.volume);
+    stand_at(first_stop, turns_at(0, turns), equipment);
+    notes.exposures = exposures_of(turns_at(0, turns));
+  }
+  const std::span<LaserTurn> first_turns = turns_at(0, turns);
   std::optional<StereoCapture> stereo;
   if (by_stereo) stereo.emplace(equipment, task.request, **feed);
   auto seen = stereo ? stereo->look() : look_with_each(equipment, **feed, first_turns);
@@ -296,7 +329,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
   RoomLightWatch room;
   DatumWatch datum(equipment.calibration, equipment.camera.mode(), shining, turns.front().stop);
   const ScanPreparation& dark = stereo ? *seen : turns.front().seen;
-  datum.at_rest(dark.background, dark.background_at_rad);
+  // Pictures of a quick turn do not show the fiducials at rest.
+  if (!by_peaks) datum.at_rest(dark.backgrounds.of(equipment.camera.mode().exposure_ns, 0), dark.background_at_rad);
   clock.end("prepare");
 
   // Move, frame, line, profile, log, accumulate. The CAD helper starts meanwhile.
@@ -317,7 +351,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     std::optional<std::string> light;
     const LaserTurn& last = turn_of(**feed, turns);
     if (recorded == nullptr && !by_stereo)
-      light = light_although_off(equipment.camera, last.triangulator, last.seen, dark_since_ns);
+      light = light_although_off(equipment.camera, last.triangulator, last.seen, dark_since_ns,
+                                 (*feed)->status().angle_rad * equipment.calibration.encoder.scale.value);
     equipment.camera.stop();
     return light;
   };
@@ -364,7 +399,10 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
                   ? solve_wall(task.log_file, options, sums, look, *samples, notes)
                   : solve_shape(task.request.shape, options, *samples,
                                 centre_of(task.request, equipment.calibration, turns.front().stop), notes);
-  if (!body) return tl::make_unexpected(body.error());
+  if (!body) {
+    for (const std::string& why : unreached) body.error().reason += " " + why;
+    return tl::make_unexpected(body.error());
+  }
   clock.end("solve");
   if (const auto light = shines.get(); light && !unsafe) notes.warnings.push_back(*light);
   feed->reset();

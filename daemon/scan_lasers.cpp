@@ -21,7 +21,10 @@ bool holds(std::span<const int> lasers, int laser) {
 
 std::string name_of(const LaserTurn& turn) {
   const std::string where = text_of(turn.stop);
-  return "Laser " + std::to_string(turn.laser) + (where.empty() ? "" : " at " + where) + ": ";
+  const std::string with = turn.other_plan.empty()                               ? ""
+                           : turn.plan.values_ns() < turn.other_plan.values_ns() ? " with the shorter exposures"
+                                                                                 : " with the longer exposures";
+  return "Laser " + std::to_string(turn.laser) + with + (where.empty() ? "" : " at " + where) + ": ";
 }
 
 /// Says which laser a sentence is about, where there are several; what ended the scan from outside is about none.
@@ -35,7 +38,7 @@ tl::expected<void, ScanStop> look_again(const ScanEquipment& equipment, FrameFee
                                         std::span<const LaserTurn> turns, RecordedLook which) {
   auto seen = equipment.device == nullptr
                   ? look_at_recording(equipment, turn.triangulator, turn.laser, turn.stop, which)
-                  : look_at_object(equipment, feed, turn.triangulator);
+                  : look_at_object(equipment, feed, turn.triangulator, turn.plan);
   if (!seen) return tl::make_unexpected(about(turn, turns, seen.error()));
   turn.seen = std::move(*seen);
   if (turns.size() > 1) {
@@ -49,7 +52,9 @@ tl::expected<void, ScanStop> look_again(const ScanEquipment& equipment, FrameFee
 tl::expected<bool, ScanStop> still_shines(const CaptureTools& tools, const LaserTurn& before) {
   FrameSource& camera = tools.equipment.camera;
   const std::int64_t dark_since_ns = tools.equipment.clock.now_ns();
-  if (!light_although_off(camera, before.triangulator, before.seen, dark_since_ns)) return false;
+  if (!light_although_off(camera, before.triangulator, before.seen, dark_since_ns,
+                          tools.feed.status().angle_rad * tools.equipment.calibration.encoder.scale.value))
+    return false;
   auto frame = tools.feed.next_after(dark_since_ns);
   if (!frame) return tl::make_unexpected(frame.error());
   const std::vector<std::uint8_t> picture(frame->bytes().begin(), frame->bytes().end());
@@ -88,7 +93,7 @@ tl::expected<void, ScanStop> change_turn(const CaptureTools& tools, std::span<La
     stand_at(*stop, turns_at(next.stop_number, turns), equipment);
     if (auto polled = feed.poll(); !polled) return polled;
   }
-  feed.use_laser(next.laser, next.stop);
+  feed.use_laser(next.laser, next.stop, k);
   if (auto looked = look_again(equipment, feed, next, turns, RecordedLook::before_its_turn); !looked) return looked;
   feed.record_in(tools.log);
   return {};
@@ -137,13 +142,18 @@ LineAlong along_of(int laser, const Calibration& calibration) {
   return plane == calibration.lasers.end() ? LineAlong::rows : line_along(*plane);
 }
 
-std::vector<LaserTurn> turns_with(std::span<const int> lasers, std::span<const AxisStop> stops,
+std::vector<LaserTurn> turns_with(std::span<const LaserExposures> lasers, std::span<const AxisStop> stops,
                                   const Calibration& calibration, const ScanVolume& volume) {
   std::vector<LaserTurn> turns;
   for (std::size_t k = 0; k < stops.size(); ++k) {
-    for (const int laser : lasers)
-      turns.push_back(
-          {laser, k, stops[k], Triangulator(calibration, laser, volume, along_of(laser, calibration), stops[k])});
+    for (const auto& [laser, plans] : lasers) {
+      const Triangulator triangulator(calibration, laser, volume, along_of(laser, calibration), stops[k]);
+      if (plans.empty()) turns.push_back({laser, k, stops[k], triangulator});
+      for (std::size_t i = 0; i < plans.size(); ++i) {
+        const ExposurePlan other = plans.size() > 1 ? plans[1 - i] : ExposurePlan();
+        turns.push_back({laser, k, stops[k], triangulator, plans[i], other});
+      }
+    }
   }
   return turns;
 }
@@ -168,7 +178,7 @@ tl::expected<ScanPreparation, ScanStop> look_with_each(const ScanEquipment& equi
     if (equipment.device != nullptr && k + 1 < turns.size()) {
       if (auto off = feed.laser_off(); !off) return tl::make_unexpected(off.error());
     }
-    feed.use_laser(turns[k].laser, turns[k].stop);
+    feed.use_laser(turns[k].laser, turns[k].stop, k);
     if (auto looked = look_again(equipment, feed, turns[k], turns, RecordedLook::before_all_turns); !looked)
       return tl::make_unexpected(looked.error());
   }
@@ -219,9 +229,7 @@ tl::expected<CaptureResult, ScanStop> turn_with_each(const CaptureTools& tools, 
 }
 
 const LaserTurn& turn_of(const FrameFeed& feed, std::span<const LaserTurn> turns) {
-  const auto turn = std::find_if(turns.begin(), turns.end(),
-                                 [&](const LaserTurn& t) { return t.laser == feed.laser() && t.stop == feed.stop(); });
-  return turn != turns.end() ? *turn : turns.front();
+  return turns[std::min(feed.turn_number(), turns.size() - 1)];
 }
 
 }  // namespace celadon

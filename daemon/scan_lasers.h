@@ -28,9 +28,16 @@ tl::expected<std::vector<int>, std::string> lasers_of(const ScanRequest& request
 /// How a laser's line lies in the picture, by its plane.
 LineAlong along_of(int laser, const Calibration& calibration);
 
-/// The turns to come, before anything moved or was seen: with each laser at the first stop, then at the next.
+/// The exposures of one laser's turns: one plan; two where a second turn sees what the first does not. No plan: one
+/// turn as the camera stands.
+struct LaserExposures {
+  int laser = 0;
+  std::vector<ExposurePlan> plans;
+};
+/// The turns to come, before anything moved or was seen: with each laser and exposure at the first stop, then at the
+/// next.
 /// @pre axes off 0 are calibrated
-std::vector<LaserTurn> turns_with(std::span<const int> lasers, std::span<const AxisStop> stops,
+std::vector<LaserTurn> turns_with(std::span<const LaserExposures> lasers, std::span<const AxisStop> stops,
                                   const Calibration& calibration, const ScanVolume& volume);
 /// The turns of the stop that a turn belongs to.
 std::span<LaserTurn> turns_at(std::size_t stop_number, std::span<LaserTurn> turns);

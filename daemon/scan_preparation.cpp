@@ -6,6 +6,7 @@
 #include <span>
 
 #include "daemon/dark_frame.h"
+#include "daemon/dark_turn.h"
 #include "daemon/mean_frame.h"
 #include "daemon/scan_stops.h"
 
@@ -25,8 +26,9 @@ tl::unexpected<ScanStop> device_failed(const std::string& reason) {
 /// What the line on the object as it stands says of the scan to come.
 tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const LineBrightness& brightness,
                                    const FrameInfo& seen, double angle_rad, const ScanVolume& volume,
-                                   const Triangulator& triangulator, ScanPreparation& preparation) {
-  if (2 * brightness.saturated > brightness.lines) {
+                                   const Triangulator& triangulator, bool by_plan, ScanPreparation& preparation) {
+  // A plan by the line's own peaks says by itself what it does not reach.
+  if (!by_plan && 2 * brightness.saturated > brightness.lines) {
     preparation.warnings.push_back(std::to_string(brightness.saturated) + " of " + std::to_string(brightness.lines) +
                                    " rows are saturated, which widens the line; a shorter exposure than " +
                                    std::to_string(seen.exposure_ns / 1000) + " us measures better.");
@@ -46,6 +48,7 @@ tl::expected<void, ScanStop> learn(const std::vector<LineRow>& rows, const LineB
   preparation.z_high_mm = *high;
   preparation.samples = profile.size();
   preparation.line = brightness;
+  preparation.exposure_ns = seen.exposure_ns;
   return {};
 }
 
@@ -142,12 +145,20 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
 }
 
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
-                                                       const Triangulator& triangulator) {
+                                                       const Triangulator& triangulator, const ExposurePlan& plan) {
   ScanPreparation preparation;
   if (auto off = feed.laser_off(); !off) return tl::make_unexpected(off.error());
-  auto background = dark_background(feed, equipment.clock);
-  if (!background) return tl::make_unexpected(background.error());
-  preparation.background = std::move(*background);
+  if (plan.empty()) {
+    auto background = dark_background(feed, equipment.clock);
+    if (!background) return tl::make_unexpected(background.error());
+    preparation.backgrounds.put(feed.exposure_in_force_ns(), {}, std::move(*background));
+  } else {
+    auto backgrounds = dark_turn(equipment, feed, triangulator, plan);
+    if (!backgrounds) return tl::make_unexpected(backgrounds.error());
+    preparation.backgrounds = std::move(*backgrounds);
+  }
+  const std::span<const std::uint8_t> background = preparation.backgrounds.of(
+      feed.exposure_in_force_ns(), feed.status().angle_rad * equipment.calibration.encoder.scale.value);
   preparation.background_at_rad = feed.status().angle_rad;
 
   if (auto on = feed.laser_on(); !on) return tl::make_unexpected(on.error());
@@ -162,7 +173,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     auto frame = feed.next_after(feed.shining_since_ns());
     if (!frame) return tl::make_unexpected(frame.error());
     seen = frame->info;
-    extractor.extract(mode, frame->bytes(), preparation.background, rows);
+    extractor.extract(mode, frame->bytes(), background, rows);
     const LineBrightness now = brightness_of(rows);
     const bool unchanged = now.lines > 0 && std::abs(now.amplitude - last.amplitude) <= kSteady * now.amplitude;
     steady = unchanged ? steady + 1 : 0;
@@ -172,7 +183,7 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     last = now;
     const std::int64_t waited_ns = equipment.clock.now_ns() - feed.shining_since_ns();
     if (now.lines == 0 && waited_ns > kLineLimit_ns) {
-      if (const auto shines = light_in_background(mode, preparation.background, triangulator.along()))
+      if (const auto shines = light_in_background(mode, background, triangulator.along()))
         return device_failed(*shines);
       return device_failed(
           "No laser line is seen in " + seconds(waited_ns) +
@@ -190,7 +201,8 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     }
   }
   feed.set_warm_up(std::max<std::int64_t>(warm_after_ns, 0));
-  if (auto learned = learn(rows, last, seen, feed.status().angle_rad, equipment.volume, triangulator, preparation);
+  if (auto learned =
+          learn(rows, last, seen, feed.status().angle_rad, equipment.volume, triangulator, !plan.empty(), preparation);
       !learned) {
     return tl::make_unexpected(learned.error());
   }
@@ -240,17 +252,17 @@ tl::expected<ScanPreparation, ScanStop> look_at_recording(const ScanEquipment& e
     return device_failed("The recording has no frame with laser " + std::to_string(laser) + " on" +
                          (where.empty() ? "" : " at " + where) + "; record again.");
   }
-  preparation.background = dark.mean();
+  preparation.backgrounds.put(look.info.exposure_ns, {}, dark.mean());
   LaserLineExtractor extractor({.along = triangulator.along()});
   std::vector<LineRow> rows(triangulator.line_count());
-  extractor.extract(camera.mode(), look.bytes(), preparation.background, rows);
+  extractor.extract(camera.mode(), look.bytes(), preparation.backgrounds.of(look.info.exposure_ns, 0), rows);
   const LineBrightness brightness = brightness_of(rows);
   if (brightness.lines == 0) {
     return device_failed("No laser line is seen in frame " + std::to_string(look.info.sequence) +
                          " of the recording; record again with the laser on the object.");
   }
-  if (auto learned =
-          learn(rows, brightness, look.info, look.info.table_angle_rad, equipment.volume, triangulator, preparation);
+  if (auto learned = learn(rows, brightness, look.info, look.info.table_angle_rad, equipment.volume, triangulator,
+                           false, preparation);
       !learned) {
     return tl::make_unexpected(learned.error());
   }

@@ -9,6 +9,8 @@
 
 #include "acquisition/axis_stop.h"
 #include "acquisition/laser_line.h"
+#include "daemon/backgrounds.h"
+#include "daemon/exposure_plan.h"
 #include "daemon/frame_feed.h"
 #include "daemon/scan_job.h"
 
@@ -22,12 +24,25 @@ LineBrightness brightness_of(const std::vector<LineRow>& rows);
 
 /// What was learned before the scan.
 struct ScanPreparation {
-  std::vector<std::uint8_t> background;  ///< mean of frames with the laser off, same mode and stride
-  double background_at_rad = 0;          ///< encoder's angle of the background
-  double z_low_mm = 0, z_high_mm = 0;    ///< of the line on the object as it stands
-  std::size_t samples = 0;               ///< of one profile
-  LineBrightness line;                   ///< of the line on the object as it stands
+  Backgrounds backgrounds;             ///< means of frames with the laser off, same mode and stride
+  double background_at_rad = 0;        ///< encoder's angle of the backgrounds
+  std::int64_t exposure_ns = 0;        ///< at which the object was looked at
+  double z_low_mm = 0, z_high_mm = 0;  ///< of the line on the object as it stands
+  std::size_t samples = 0;             ///< of one profile
+  LineBrightness line;                 ///< of the line on the object as it stands
   std::vector<std::string> warnings;
+};
+
+/// Puts the exposure that was found back on every way out, so that a scan leaves nothing to the next one.
+class ExposureOnExit {
+ public:
+  explicit ExposureOnExit(FrameSource& camera) : camera_(camera) {}
+  ~ExposureOnExit() { camera_.restore_exposure(); }
+  ExposureOnExit(const ExposureOnExit&) = delete;
+  ExposureOnExit& operator=(const ExposureOnExit&) = delete;
+
+ private:
+  FrameSource& camera_;
 };
 
 /// Of a machine: checks interlock and faults, lasers off, warns for two seconds if the start comes from afar (the lamp
@@ -36,9 +51,10 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
                                                ScanObserver& observer);
 /// Mean of a few frames that were exposed from now on. @pre the laser is off
 tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& feed, Clock& clock);
-/// Background with the laser off, then the laser on until its line is steady. Leaves the laser on.
+/// Backgrounds with the laser off, by a plan those of a quick turn, then the laser on until its line is steady. Leaves
+/// the laser on.
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
-                                                       const Triangulator& triangulator);
+                                                       const Triangulator& triangulator, const ExposurePlan& plan = {});
 
 /// Which of the looks with a laser at a stop: those that fixed what is worked on, or the ones that its own turn
 /// followed.

@@ -37,7 +37,7 @@ json request_json(const ScanRequest& request) {
   json j = {{"name", request.name},
             {"mode", to_text(request.mode)},
             {"profiles", request.profiles},
-            {"exposure_ms", request.exposure_ms},
+            {"exposure_ms", request.exposure_auto ? json("auto") : json(request.exposure_ms)},
             {"shape", request.shape},
             {"model", request.model},
             {"tolerance_mm", request.tolerance_mm},
@@ -73,6 +73,14 @@ json progress_json(const ScanProgress& p) {
           {"rejected", p.rejected},
           {"fit_rms_mm", p.fit_rms_mm ? json(*p.fit_rms_mm) : json(nullptr)},
           {"seconds_left", p.seconds_left}};
+}
+
+double exposure_field(const json& value) {
+  if (value.is_string()) {
+    refuse("exposure_ms", value,
+           "\"auto\", or a number from 0 to " + std::to_string(static_cast<int>(kLongestExposure_ms)) + " ms");
+  }
+  return number_field("exposure_ms", value, kLongestExposure_ms, "ms");
 }
 
 std::string name_field(const json& value) {
@@ -128,7 +136,8 @@ void read_field(ScanRequest& request, const std::string& field, const json& valu
     if (!value.is_boolean()) refuse(field, value, "true or false");
     request.dry_turn = value.get<bool>();
   } else if (field == "exposure_ms") {
-    request.exposure_ms = number_field(field, value, kLongestExposure_ms, "ms");
+    request.exposure_auto = value == "auto";
+    request.exposure_ms = request.exposure_auto ? 0 : exposure_field(value);
   } else if (field == "lasers") {
     request.lasers = lasers_field(value);
   } else if (field == "elevations_deg") {
@@ -179,6 +188,8 @@ void settle_stereo(ScanRequest& request, const json& body) {
   if (!request.lifts_mm.empty())
     refuse("lifts_mm", body["lifts_mm"], "no heights with the method stereo, which scans at 0");
   if (request.dry_turn) refuse("dry_turn", true, "no dry turn with the method stereo, whose first pair says as much");
+  if (request.exposure_auto)
+    refuse("exposure_ms", "auto", "a number of milliseconds with the method stereo, which sees no laser's line");
 }
 
 }  // namespace
@@ -228,6 +239,9 @@ tl::expected<ScanRequest, ServiceError> scan_request_from_json(const json& body)
     if (!body.is_object()) refuse("The scan request", body, "a JSON object, {} for the defaults");
     for (const auto& [field, value] : body.items()) read_field(request, field, value);
     if (request.method == ScanMethod::stereo) settle_stereo(request, body);
+    if (request.dry_turn && request.exposure_auto)
+      refuse("exposure_ms", "auto",
+             "a number of milliseconds with dry_turn: a scan with auto makes quick turns of its own");
     if (request.dry_turn && !request.fits_surface()) {
       throw Refusal{"dry_turn foretells a surface and shape none asks for none; give one of them."};
     }

@@ -38,6 +38,7 @@ struct ScanRequest {
   int profiles = 1200;                      ///< a turn, 16 .. 100000
   bool dry_turn = false;                    ///< only kDryProfiles of them and no files: what would such a scan be?
   double exposure_ms = 0;                   ///< 0: as the camera stands
+  bool exposure_auto = false;               ///< found from the line's own peaks; exposure_ms is not looked at
   std::vector<int> lasers = {};             ///< a turn with each, in this order; empty: all that are calibrated
   std::vector<double> elevations_deg = {};  ///< of the head: a turn at each; empty: at 0
   std::vector<double> lifts_mm = {};        ///< of the table: all of them at each; empty: at 0

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "acquisition/stereo/calibration_share.h"
+#include "daemon/table_turn.h"
 
 namespace celadon {
 namespace {
@@ -143,7 +144,7 @@ tl::expected<ScanPreparation, ScanStop> StereoCapture::look() {
   seen.z_high_mm = *high;
   seen.samples = profile.size();
   seen.background_at_rad = first.encoder_rad;
-  seen.background = std::move(first.bytes);
+  seen.backgrounds.put(equipment_.camera.mode().exposure_ns, {}, std::move(first.bytes));
   return seen;
 }
 

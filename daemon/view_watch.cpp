@@ -7,6 +7,8 @@
 #include <numbers>
 #include <utility>
 
+#include "daemon/sectors_in_words.h"
+
 namespace celadon {
 namespace {
 
@@ -16,7 +18,6 @@ constexpr double kBest = 200, kDim = 80;       // grey levels of bright places: 
 constexpr double kMostSaturated = 0.2;         // of the rows of a sector
 constexpr double kFaint = 12;                  // grey levels, hardly found
 constexpr double kShorter = 0.6, kLonger = 4;  // by which an exposure is changed at once, at most
-constexpr double kSectorOf_deg = 360. / ViewReading::kSectors;
 
 template <class... Values>
 std::string sentence(const char* format, Values... values) {
@@ -25,21 +26,9 @@ std::string sentence(const char* format, Values... values) {
   return out;
 }
 
-/// "from 30 to 75 degrees": the sectors for which it holds, as one stretch that may go over 360; or "all around".
 template <class Holds>
 std::string where(const ViewReading& reading, const Holds& holds) {
-  constexpr std::size_t n = ViewReading::kSectors;
-  std::size_t longest_gap = 0, after_gap = 0, count = 0;
-  for (const ViewSector& s : reading.sectors) count += holds(s);
-  if (count == n) return "all around";
-  for (std::size_t k = 0; k < n; ++k) {
-    std::size_t gap = 0;
-    while (gap < n && !holds(reading.sectors[(k + gap) % n])) ++gap;
-    if (gap > longest_gap) longest_gap = gap, after_gap = (k + gap) % n;
-  }
-  const double first_deg = static_cast<double>(after_gap) * kSectorOf_deg,
-               last_deg = std::fmod(first_deg + static_cast<double>(n - longest_gap) * kSectorOf_deg, 360.);
-  return sentence("from %.0f to %.0f degrees", first_deg, last_deg == 0 ? 360. : last_deg);
+  return sectors_in_words(ViewReading::kSectors, [&](std::size_t k) { return holds(reading.sectors[k]); });
 }
 
 double share(std::uint64_t part, std::uint64_t whole) {
@@ -136,7 +125,8 @@ std::vector<SelfCheck> view_checks(const ViewReading& reading, const ExposureAdv
   const bool any_faint = std::any_of(sectors.begin(), sectors.end(), faint);
   if (std::any_of(sectors.begin(), sectors.end(), saturated)) {
     fail(light, sentence("the line is saturated at %.3g ms ", exposure.exposure_ms) + where(reading, saturated),
-         any_faint ? "the object is bright and dark: dull it with matting spray, or scan it twice"
+         any_faint ? "the object is bright and dark: scan it with the exposure auto (--exposure auto), or dull it with "
+                     "matting spray"
                    : sentence("expose for %.3g ms (--exposure)", exposure.better_ms));
   } else if (any_faint) {
     fail(light, sentence("the line is hardly seen at %.3g ms ", exposure.exposure_ms) + where(reading, faint),

@@ -32,6 +32,7 @@ tl::expected<Scene, std::string> scene_of(const std::string& name, const DeviceC
   if (!scene) return scene;
   scene->set_rim_tags(config.rim_tags);
   if (config.texture) scene->set_texture(*config.texture);
+  scene->set_paint(config.paint);
   return scene;
 }
 

@@ -30,6 +30,7 @@ struct DeviceConfig {
   std::string scene = "vase";
   int rim_tags = 0;                      ///< fiducials round the platter's edge
   std::optional<std::uint64_t> texture;  ///< seed of the object's; nullopt: it has none
+  Paint paint;                           ///< on the object
   PrintErrors print;                     ///< of boards
   std::uint64_t seed = 1;
   std::string serial = "SIM-0001";

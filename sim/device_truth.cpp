@@ -19,6 +19,7 @@ nlohmann::json effects_of(const DeviceConfig& device) {
           {"fields_around", ReflectanceFields::kAround},
           {"fields_pitch_mm", o.fields.pitch_mm},
           {"texture", device.texture ? nlohmann::json(*device.texture) : nlohmann::json(nullptr)},
+          {"paint", to_string(device.paint)},
           {"backlash_rad", device.turntable.backlash_rad},
           {"glaze", o.glaze}};
 }

@@ -74,6 +74,16 @@ void add_machine_options(CLI::App& app, Options& o) {
   app.add_option("--texture", o.texture, "the object's surface is speckled, by this seed, or none")
       ->check(CLI::IsMember({"none"}) | CLI::TypeValidator<std::uint64_t>("SEED"))
       ->capture_default_str();
+  app.add_option("--paint", o.paint,
+                 "the object is painted dark: third:ALBEDO, a third of the turn; bands:ALBEDO, every other 12 mm of "
+                 "its height; or none")
+      ->check(CLI::Validator(
+          [](const std::string& text) {
+            const auto paint = Paint::parse(text);
+            return paint ? std::string() : paint.error();
+          },
+          "PAINT"))
+      ->capture_default_str();
   app.add_option("--board-pitch-x", o.board_pitch_x, "boards are printed too long along their rows, relative")
       ->check(CLI::Range(-0.05, 0.05))
       ->capture_default_str();
@@ -133,6 +143,7 @@ DeviceConfig device_of(const Options& o) {
   device.scene = o.scene;
   device.rim_tags = o.rim_tags;
   if (o.texture != "none") device.texture = std::stoull(o.texture);
+  device.paint = Paint::parse(o.paint).value_or(Paint());
   device.print = {o.board_pitch_x, o.board_pitch_y, o.board_bow_mm};
   device.seed = o.seed;
   device.date = o.date;

@@ -20,7 +20,7 @@ struct Options {
   double line_levels = 150, speckle = 0.2, read_noise = 1.5, electrons = 40, ambient = 1, reflection = 0.1, glaze = 0;
   double backlash_deg = 0;
   int lasers = 1, rim_tags = 0;
-  std::string texture = "none";
+  std::string texture = "none", paint = "none";
   bool elevation = false, lift = false;
   double board_pitch_x = 0, board_pitch_y = 0, board_bow_mm = 0;
   double sheet_bow_mm = 0, spindle_radial_um = 0, spindle_axial_um = 0, spindle_tilt_urad = 0,

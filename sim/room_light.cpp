@@ -85,6 +85,7 @@ void RoomLight::shade(const Scene& scene, const VirtualCamera& camera, const Pos
       if (auto hit = scene.intersect({centre_T, d_T})) {
         hit->print = 0;  // drawn afterwards
         level = brightness(*hit, lamp_T);
+        if (hit->material == Material::object && !scene.object_is_printed()) level *= scene.painted(*hit);
       }
       grid[static_cast<std::size_t>(j * columns + i)] = static_cast<float>(std::max(0.0, level));
     }

@@ -89,11 +89,16 @@ void Scene::set_pose(const ObjectPose& pose) {
 
 bool Scene::turns_invisibly() const {
   if (held()) return true;
-  return body_->of_revolution() && !textured() && pose_.x_mm == 0 && pose_.y_mm == 0 && rim_tags_.outlines().empty();
+  return body_->of_revolution() && !textured() && paint_.of_revolution() && pose_.x_mm == 0 && pose_.y_mm == 0 &&
+         rim_tags_.outlines().empty();
 }
 
 void Scene::set_texture(std::uint64_t seed) {
   if (!object_is_printed() && body_->height_mm() > 0) texture_ = std::make_shared<const Texture>(seed);
+}
+
+void Scene::set_paint(const Paint& paint) {
+  if (!object_is_printed() && body_->height_mm() > 0) paint_ = paint;
 }
 
 Vector3d Scene::point_to_object(const Vector3d& p) const {

@@ -16,6 +16,7 @@
 
 #include "sim/board_body.h"
 #include "sim/body.h"
+#include "sim/paint.h"
 #include "sim/radial_body.h"
 #include "sim/table_pose.h"
 #include "sim/target.h"
@@ -95,12 +96,19 @@ class Scene {
   std::optional<Hit> refine(const Ray& ray, double t_near, int facet = 0) const;
   const RimTags& rim_tags() const { return rim_tags_; }
   bool object_is_printed() const { return !body_->corners().empty(); }
-  /// The albedo of the place that was hit: 1 everywhere on an object without texture.
+  /// The albedo of the place that was hit: 1 everywhere on an object without texture and paint.
   /// @pre of the object, not printed
-  double albedo(const Hit& hit) const { return texture_ ? texture_->albedo(point_to_object(hit.p)) : 1; }
+  double albedo(const Hit& hit) const {
+    return texture_ ? painted(hit) * texture_->albedo(point_to_object(hit.p)) : painted(hit);
+  }
+  /// What paint makes of it.
+  double painted(const Hit& hit) const {
+    return paint_.where == Paint::Where::nowhere ? 1 : paint_.albedo_at(point_to_object(hit.p));
+  }
   bool textured() const { return texture_ != nullptr; }
   /// Of objects; boards and the bare platter stay as they are.
   void set_texture(std::uint64_t seed);
+  void set_paint(const Paint& paint);
   /// Looks the same at every table angle.
   bool turns_invisibly() const;
   bool has_edges() const { return body_->has_edges(); }
@@ -129,6 +137,7 @@ class Scene {
   ObjectPose pose_;
   double cos_ = 1, sin_ = 0;
   RimTags rim_tags_{0};
+  Paint paint_;
   std::shared_ptr<const Texture> texture_;  ///< nullptr: of one colour
 };
 

@@ -8,7 +8,6 @@
 #include <map>
 #include <numbers>
 #include <optional>
-#include <tuple>
 #include <utility>
 #include <variant>
 
@@ -291,19 +290,20 @@ OverlapResult compare_overlap(const std::filesystem::path& log_file) {
     bad.missing = log.error().message;
     return bad;
   }
-  // Each turn by itself: a laser's rows show other places after head or lift moved.
+  // Each turn by itself: a laser's rows show other places after head or lift moved, and others of them at another
+  // exposure.
   struct TurnEnds {
     double start_rad;
     OverlapComparison comparison;
   };
-  std::map<std::tuple<int, double, double>, TurnEnds> turns;
-  AxisStop stop;
+  std::map<std::pair<int, int>, TurnEnds> turns;
+  int begun = 0;  // turns, by a log that tells them apart
   while (const auto entry = (*log)->next_entry()) {
-    if (const auto* const at = std::get_if<LogStop>(&*entry)) stop = at->stop;
+    begun += std::holds_alternative<LogStop>(*entry);
     const auto* const logged = std::get_if<LoggedProfile>(&*entry);
     if (logged == nullptr) continue;
     const Profile& profile = *logged->profile;
-    const auto key = std::tuple(int{profile.laser}, stop.elevation_rad, stop.lift_mm);
+    const auto key = std::pair(begun, int{profile.laser});
     TurnEnds& ends = turns.try_emplace(key, TurnEnds{profile.table_angle_rad, {}}).first->second;
     const double turned = std::abs(profile.table_angle_rad - ends.start_rad);
     if (logged->overlap) {

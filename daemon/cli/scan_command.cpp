@@ -27,7 +27,8 @@ struct ScanArguments {
   std::uint64_t seed = 1;
   int profiles = 0;
   bool dry_turn = false;
-  double exposure_ms = 0, tolerance_mm = 0, form_tolerance_mm = -1;
+  double tolerance_mm = 0, form_tolerance_mm = -1;
+  std::string exposure = "0";
   std::vector<std::string> lasers = {"all"};
   std::vector<double> elevations_deg, lifts_mm;
   std::vector<int> degree = {3, 3};
@@ -53,7 +54,11 @@ json request_of(const ScanArguments& a) {
   if (!a.elevations_deg.empty()) request["elevations_deg"] = a.elevations_deg;
   if (!a.lifts_mm.empty()) request["lifts_mm"] = a.lifts_mm;
   if (a.dry_turn) request["dry_turn"] = true;
-  if (a.exposure_ms > 0) request["exposure_ms"] = a.exposure_ms;
+  if (a.exposure == "auto") {
+    request["exposure_ms"] = a.exposure;
+  } else if (const double exposure_ms = std::stod(a.exposure); exposure_ms > 0) {
+    request["exposure_ms"] = exposure_ms;
+  }
   if (!a.name.empty()) request["name"] = a.name;
   constexpr std::string_view kMesh = "mesh:";
   if (a.name.empty() && !a.scene.empty())
@@ -149,8 +154,12 @@ void add_scan_command(CLI::App& program, Run& run) {
   command->add_flag("--dry-turn", a->dry_turn,
                     "only a quick turn and a report: is all of the object in view, is the exposure right, how long "
                     "will the scan take and how well will it measure");
-  command->add_option("--exposure", a->exposure_ms, "exposure time [ms]; 0: as the camera stands")
-      ->check(not_negative());
+  command
+      ->add_option(
+          "--exposure", a->exposure,
+          "exposure time [ms]; 0: as the camera stands; auto: quick turns before the scan find what suits each "
+          "part of the turn, and whether a second turn with another is needed")
+      ->check(CLI::IsMember({"auto"}) | not_negative());
   command
       ->add_option(
           "--lasers", a->lasers,

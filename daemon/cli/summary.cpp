@@ -121,9 +121,27 @@ std::string laser_lines(const json& report) {
   return text;
 }
 
+// The exposures that were found, where they were looked for.
+std::string exposure_line(const json& report) {
+  if (!report.contains("exposures")) return "";
+  const json& exposures = report["exposures"];
+  double shortest = 1e9, longest = 0;
+  std::size_t changes = 0;
+  for (const json& turn : exposures["turns"]) {
+    const json& stretches = turn["stretches"];
+    if (stretches.size() > 1) changes += stretches.size();
+    for (const json& stretch : stretches) {
+      shortest = std::min(shortest, stretch["exposure_ms"].get<double>());
+      longest = std::max(longest, stretch["exposure_ms"].get<double>());
+    }
+  }
+  return line("  exposure    %.3g to %.3g ms by the line's peaks, changed %zu times%s", shortest, longest, changes,
+              exposures["bracketed"].get<bool>() ? "; bright and dark places in two turns" : "");
+}
+
 // What follows in every report: checks and warnings.
 std::string closing_lines(const json& report) {
-  std::string text;
+  std::string text = exposure_line(report);
   if (report.contains("checks")) text += checks_lines(report["checks"]);
   for (const auto& warning : report["warnings"]) text += "  note        " + warning.get<std::string>() + "\n";
   return text;

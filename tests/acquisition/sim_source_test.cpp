@@ -196,15 +196,36 @@ TEST(SimSource, frames_are_read_in_place_and_slots_given_back) {
     source->stop();
     source->stop();  // harmless
   }
-  // start, exposure, ten frames each given back, stop.
-  ASSERT_EQ(server.requests.size(), 2u + 20u + 1u);
+  // start, exposure, ten frames each given back, stop, the exposure that was found.
+  ASSERT_EQ(server.requests.size(), 2u + 20u + 2u);
   for (int i = 0; i < 10; ++i) {
     EXPECT_EQ(server.requests[static_cast<std::size_t>(2 + 2 * i)].value, 1'000'000);
     const Request& back = server.requests[static_cast<std::size_t>(3 + 2 * i)];
     EXPECT_EQ(back.kind, RequestKind::give_back);
     EXPECT_EQ(back.value, i % 3);
   }
-  EXPECT_EQ(server.requests.back().kind, RequestKind::stop);
+  EXPECT_EQ(server.requests[22].kind, RequestKind::stop);
+  EXPECT_EQ(server.requests[23].kind, RequestKind::set_exposure);
+  EXPECT_EQ(server.requests[23].value, 500'000);
+}
+
+TEST(SimSource, the_exposure_that_was_found_is_put_back_once) {
+  FakeServer::Plan plan;
+  plan.answer = steady;
+  FakeServer server(plan);
+  {
+    auto source = started(server);
+    source->restore_exposure();  // nobody set it
+    ASSERT_TRUE(source->set_exposure(1'000'000));
+    ASSERT_TRUE(source->set_exposure(2'000'000));
+    source->restore_exposure();
+    EXPECT_EQ(source->mode().exposure_ns, 500'000);
+  }
+  std::vector<std::int64_t> set;
+  for (const Request& request : server.requests) {
+    if (request.kind == RequestKind::set_exposure) set.push_back(request.value);
+  }
+  EXPECT_EQ(set, (std::vector<std::int64_t>{1'000'000, 2'000'000, 500'000}));
 }
 
 TEST(SimSource, lost_and_damaged_frames_are_told) {

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "acquisition/frame.h"
+#include "acquisition/monotonic_clock.h"
 
 namespace celadon {
 namespace {
@@ -112,6 +113,7 @@ class FakeCamera {
         queued_.erase(queued_.begin());
         buffer.sequence = sequence_++;
         buffer.bytesused = kFrameBytes;
+        buffer.timestamp = {.tv_sec = stamp_ns / 1'000'000'000, .tv_usec = stamp_ns % 1'000'000'000 / 1000};
         if (maps_nothing) {
           std::memset(reinterpret_cast<void*>(places[buffer.index]), static_cast<int>(buffer.sequence), kFrameBytes);
         }
@@ -186,6 +188,7 @@ class FakeCamera {
   std::uint32_t unreadable = 0, unwritable = 0;
   std::int32_t step = 1;  ///< values are rounded down to it
   bool unplugged = false;
+  std::int64_t stamp_ns = 0;  ///< of the frames to come
   bool maps_nothing = false;  ///< frames only into memory of the program's
   std::map<std::uint32_t, unsigned long> places;
 
@@ -224,6 +227,31 @@ TEST(V4l2Exposure, in_force_travels_with_each_frame) {
   EXPECT_EQ(source->next(0)->info.exposure_ns, 2'000'000);
   ASSERT_TRUE(source->set_exposure(3'000'000));
   EXPECT_EQ(source->next(0)->info.exposure_ns, 3'000'000);
+}
+
+// Cameras take a new exposure some frames later: until then nobody knows which of the two a frame has.
+TEST(V4l2Exposure, is_not_sure_of_frames_just_after_a_change) {
+  FakeCamera camera;
+  auto source = camera.open();
+  ASSERT_TRUE(source->start());
+  EXPECT_TRUE(source->next(0)->info.exposure_sure);
+  const std::int64_t settles_ns = std::max<std::int64_t>(200'000'000, 4 * source->mode().frame_period_ns);
+  const std::int64_t before_ns = monotonic_ns();
+  ASSERT_TRUE(source->set_exposure(2'000'000));
+  for (const std::int64_t stamp_ns : {before_ns - 50'000'000, before_ns, before_ns + settles_ns - 1'000'000}) {
+    camera.stamp_ns = stamp_ns;
+    EXPECT_FALSE(source->next(0)->info.exposure_sure);
+  }
+  const std::int64_t later_ns = monotonic_ns() + settles_ns + 1'000'000;
+  camera.stamp_ns = later_ns;
+  EXPECT_TRUE(source->next(0)->info.exposure_sure);
+  ASSERT_TRUE(source->set_exposure(2'000'000));  // the same changes nothing
+  EXPECT_TRUE(source->next(0)->info.exposure_sure);
+  source->restore_exposure();
+  EXPECT_EQ(camera.controls, kFound);
+  camera.stamp_ns = before_ns;
+  EXPECT_FALSE(source->next(0)->info.exposure_sure);
+  EXPECT_EQ(source->mode().exposure_ns, 0) << "automatic again";
 }
 
 TEST(V4l2Exposure, is_left_alone_by_a_source_that_did_not_set_it) {

@@ -23,6 +23,7 @@ const Eigen::Vector3d kHeadOrigin_mm(0.4, -0.3, 50), kHeadDirection = Eigen::Vec
                                                      kLiftDirection = Eigen::Vector3d(0.01, -0.005, 1).normalized();
 constexpr double kHeadScale = 1.003, kLiftScale = 0.998;
 
+constexpr double kBlackLevel = 4;  // grey levels without any light
 constexpr const char* kCameraName = "fake camera 1";
 
 class FakeTransport final : public Transport {
@@ -79,7 +80,7 @@ class FakeCamera final : public FrameSource, public FrameReturn {
     if (machine.camera_on_side) std::swap(mode_.width_px, mode_.height_px);
     mode_.stride_bytes = static_cast<std::size_t>(mode_.width_px);
     mode_.frame_period_ns = FakeMachine::kPeriod_us * 1000;
-    mode_.exposure_ns = FakeMachine::kExposure_us * 1000;
+    mode_.exposure_ns = machine.exposure_us * 1000;
     mode_.identity = kCameraName;
     mode_.simulated = true;
   }
@@ -100,13 +101,29 @@ class FakeCamera final : public FrameSource, public FrameReturn {
     FrameInfo info;
     info.sequence = shot->sequence;
     info.stamp_ns = (shot->stamp_us + machine_.stamp_step_us) * 1000 + FakeMachine::kHostOffset_ns;
-    info.exposure_ns = mode_.exposure_ns;
+    info.exposure_ns = shot->claimed_us * 1000;
+    info.exposure_sure = shot->exposure_sure;
     info.lost_before = shot->lost_before;
     const int every = machine_.corrupt_every;
     info.corrupt = every > 0 && shot->sequence % static_cast<std::uint64_t>(every) == 0;
     return Frame(this, 0, pixels_, info);
   }
-  tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t) override { return mode_.exposure_ns; }
+  tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) override {
+    if (machine_.camera_unplugged) return unplugged();
+    if (const int code = machine_.set_exposure((exposure_ns + 500) / 1000); code != 0) {
+      return tl::make_unexpected(
+          CameraError{CameraError::Kind::system, code,
+                      "fake: setting the exposure failed: errno " + std::to_string(code) + "; set it by hand."});
+    }
+    if (!found_us_) found_us_ = mode_.exposure_ns / 1000;
+    mode_.exposure_ns = machine_.exposure_us * 1000;
+    return mode_.exposure_ns;
+  }
+  void restore_exposure() noexcept override {
+    if (found_us_) machine_.set_exposure(*found_us_);
+    found_us_.reset();
+    mode_.exposure_ns = machine_.exposure_us * 1000;
+  }
   void give_back(std::uint32_t) noexcept override {}
 
  private:
@@ -115,6 +132,7 @@ class FakeCamera final : public FrameSource, public FrameReturn {
   }
   FakeMachine& machine_;
   CameraMode mode_;
+  std::optional<std::int64_t> found_us_;  ///< before the first set_exposure()
   std::vector<std::uint8_t> pixels_;
 };
 
@@ -159,6 +177,23 @@ void FakeMachine::with_plant(const std::function<void(test::TestPlant&)>& change
   const std::lock_guard lock(mutex_);
   change(plant_);
   core_.step(now_us_);
+}
+
+int FakeMachine::set_exposure(std::int64_t asked_us) {
+  const std::lock_guard lock(mutex_);
+  if (exposure_refusal != 0) return exposure_refusal;
+  if (exposure_takes-- == 0) return EIO;
+  if (exposure_fixed) return 0;
+  const std::int64_t unit_us = exposure_unit_us;
+  exposure_us = std::clamp((asked_us + unit_us / 2) / unit_us * unit_us, unit_us, kPeriod_us - 100);
+  exposure_follows_in_ = exposure_late;
+  if (exposure_follows_in_ == 0) exposing_us_ = exposure_us;
+  return 0;
+}
+
+std::vector<std::int64_t> FakeMachine::exposures_us() {
+  const std::lock_guard lock(mutex_);
+  return exposures_us_;
 }
 
 std::uint16_t FakeMachine::lasers() {
@@ -244,6 +279,9 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     if (axes_ && plant_.lasers != 0 && (plant_.speed_udeg(now_us_, 1) != 0 || plant_.speed_udeg(now_us_, 2) != 0))
       ++lit_moves_;
     const std::uint64_t sequence = sequence_++;
+    const bool exposure_sure = exposure_follows_in_ == 0;
+    if (!exposure_sure && --exposure_follows_in_ == 0) exposing_us_ = exposure_us;
+    exposures_us_.push_back(exposing_us_);
     next_middle_us_ += kPeriod_us;
     if (all_late || sequence % 2 == 1) next_middle_us_ += static_cast<std::uint64_t>(late_us.load());
     if (shots_.size() >= kBuffers || camera_silent) {
@@ -252,7 +290,10 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     }
     Shot shot;
     shot.sequence = sequence;
-    shot.stamp_us = static_cast<std::int64_t>(now_us_) + kExposure_us / 2;
+    shot.exposure_us = exposing_us_;
+    shot.exposure_sure = exposure_sure;
+    shot.claimed_us = exposure_us;  // drivers know no more than what was asked
+    shot.stamp_us = static_cast<std::int64_t>(now_us_) + shot.exposure_us / 2;
     const double turned_deg = static_cast<double>(plant_.axis(0, now_us_).position_udeg) * 1e-6;
     // A slip: the object lags behind the encoder, more with every turn.
     shot.angle_rad = turned_deg * (1 - slip_per_turn_deg / 360) * std::numbers::pi / 180;
@@ -301,20 +342,21 @@ std::optional<FakeMachine::Shot> FakeMachine::take_shot(std::int64_t timeout_us)
   return shot;
 }
 
-/// Column of a laser's line in a row: where its plane meets the object; -1 without one.
-double FakeMachine::line_px(int laser, const Shot& shot, int row) const {
-  if ((shot.lasers >> laser & 1) == 0 || camera_dark) return -1;
-  if (axes_) return line_px_with_axes(laser, shot, row);
+/// Column of a laser's line in a row, where its plane meets the object, -1 without one; and how bright it is there.
+FakeMachine::Line FakeMachine::line_in(int laser, const Shot& shot, int row) const {
+  if ((shot.lasers >> laser & 1) == 0 || camera_dark) return {};
+  if (axes_) return {line_px_with_axes(laser, shot, row), 1};
   const double aside = aside_rad(laser);
   const double world = -std::numbers::pi / 2 + aside;  // direction of the laser's half plane
   const double down = (row - kCy) / kFocal_px;
-  double r = 30;
+  double r = 30, z = 0;
   for (int i = 0; i < 40; ++i) {  // the row's ray meets the surface where z and r agree; a contraction
-    const double z = kHeight_mm - (kDistance_mm - r * std::cos(aside)) * down;
+    z = kHeight_mm - (kDistance_mm - r * std::cos(aside)) * down;
     r = shape(world - shot.angle_rad, z);
-    if (r <= 0) return -1;
+    if (r <= 0) return {};
   }
-  return kCx + kFocal_px * r * std::sin(aside) / (kDistance_mm - r * std::cos(aside));
+  return {kCx + kFocal_px * r * std::sin(aside) / (kDistance_mm - r * std::cos(aside)),
+          reflectance(world - shot.angle_rad, z)};
 }
 
 /// The same with the head turned and the table raised: the laser's plane meets the plane of the row in a line, and the
@@ -350,15 +392,15 @@ void FakeMachine::draw(const Shot& shot, std::uint8_t* pixels) const {
     return static_cast<double>(random >> 24) / 256 * 4 - 2;
   };
   for (int row = 0; row < kHeight; ++row) {
-    const double lines[] = {line_px(0, shot, row), line_px(1, shot, row)};
+    const Line lines[] = {line_in(0, shot, row), line_in(1, shot, row)};
     for (int column = 0; column < kWidth; ++column) {
-      double light = 0;
-      for (const double x : lines) {
-        const double off = (column - x) / 1.6;
-        if (x >= 0) light += 150 * std::exp(-off * off / 2);
+      double light = 8 + column % 7;
+      for (const Line& line : lines) {
+        const double off = (column - line.x_px) / 1.6;
+        if (line.x_px >= 0) light += 150 * line.reflectance * std::exp(-off * off / 2);
       }
-      pixels[row * kWidth + column] =
-          static_cast<std::uint8_t>(std::clamp(12 + (column % 7) + light + noise(), 0., 255.));
+      const double level = kBlackLevel + light * static_cast<double>(shot.exposure_us) / kExposure_us + noise();
+      pixels[row * kWidth + column] = static_cast<std::uint8_t>(std::clamp(level, 0., 255.));
     }
   }
 }

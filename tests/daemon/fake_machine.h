@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <vector>
 
 #include "acquisition/calibration.h"
 #include "acquisition/frame.h"
@@ -33,6 +34,8 @@ class FakeMachine {
   // --- the object: range at (theta, z) in its own frame, 0 where there is nothing ---
   std::function<double(double theta_rad, double z_mm)> shape = vase;
   static double vase(double theta_rad, double z_mm);
+  /// Share of laser and room light that it throws back.
+  std::function<double(double theta_rad, double z_mm)> reflectance = [](double, double) { return 1.; };
 
   // --- what the test does to it; at any time ---
   void press_button();
@@ -51,6 +54,13 @@ class FakeMachine {
   std::atomic<std::int64_t> late_us = 0;  ///< every second frame is exposed so much later, or every one
   std::atomic<bool> all_late = false;
   bool camera_on_side = false;  ///< turned about its optical axis, before anything else is asked of the machine
+  // Of the camera's exposure, which is kExposure_us where nobody sets it.
+  std::atomic<std::int64_t> exposure_us = kExposure_us;  ///< as the camera stands
+  std::atomic<int> exposure_refusal = 0;                 ///< errno of each attempt to set it
+  std::atomic<int> exposure_takes = 1'000'000;           ///< attempts before one that it refuses with EIO
+  std::atomic<bool> exposure_fixed = false;              ///< it takes any and keeps its own
+  std::atomic<std::int64_t> exposure_unit_us = 1;        ///< that it can be set in
+  std::atomic<int> exposure_late = 0;                    ///< frames until a new one holds, of which it cannot tell
   std::atomic<bool> laser_hidden = false;  ///< the first shines always, and the controller does not see it
 
   /// @param lasers  that are calibrated: the first stands to the right of the camera, the second to its left
@@ -69,13 +79,23 @@ class FakeMachine {
     double angle_rad = 0, elevation_rad = 0, lift_mm = 0;  ///< as the axes' controllers read
     std::uint16_t lasers = 0;                              ///< that shone
     std::uint32_t lost_before = 0;
+    std::int64_t exposure_us = kExposure_us, claimed_us = kExposure_us;  ///< true; as the driver says
+    bool exposure_sure = true;
   };
+  /// @returns 0 or an errno
+  int set_exposure(std::int64_t asked_us);
   void stream(bool on);
   std::optional<Shot> take_shot(std::int64_t timeout_us);
   void draw(const Shot& shot, std::uint8_t* pixels) const;
-  double line_px(int laser, const Shot& shot, int row) const;
+  double line_px(int laser, const Shot& shot, int row) const { return line_in(laser, shot, row).x_px; }
+  /// True exposures of all frames so far, by their sequence.
+  std::vector<std::int64_t> exposures_us();
 
  private:
+  struct Line {
+    double x_px = -1, reflectance = 0;
+  };
+  Line line_in(int laser, const Shot& shot, int row) const;
   void advance_locked(std::uint64_t time_us);
   double line_px_with_axes(int laser, const Shot& shot, int row) const;
 
@@ -88,6 +108,9 @@ class FakeMachine {
   std::uint64_t next_middle_us_ = 0, sequence_ = 0;
   std::uint32_t dropped_ = 0;
   int lit_moves_ = 0;
+  std::int64_t exposing_us_ = kExposure_us;  ///< of the sensor, which follows exposure_us late
+  int exposure_follows_in_ = 0;              ///< frames
+  std::vector<std::int64_t> exposures_us_;
   std::deque<Shot> shots_;
 };
 

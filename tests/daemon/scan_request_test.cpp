@@ -97,6 +97,17 @@ TEST(ScanRequestJson, EveryFieldComesBack) {
   EXPECT_EQ(to_json(again), to_json(record));
 }
 
+TEST(ScanRequestJson, TheExposureMayBeFoundByTheScan) {
+  const auto found = scan_request_from_json(json{{"exposure_ms", "auto"}});
+  ASSERT_TRUE(found) << found.error().detail;
+  EXPECT_TRUE(found->exposure_auto);
+  ScanRecord record;
+  record.request = *found;
+  EXPECT_EQ(to_json(record)["request"]["exposure_ms"], "auto");
+  EXPECT_TRUE(scan_request_from_json(to_json(record)["request"])->exposure_auto);
+  EXPECT_FALSE(scan_request_from_json(json{{"exposure_ms", 3}})->exposure_auto);
+}
+
 TEST(ScanRequestJson, NamesWhatIsWrong) {
   struct Case {
     const char* body;
@@ -120,6 +131,10 @@ TEST(ScanRequestJson, NamesWhatIsWrong) {
       {R"({"profiles": "100"})", "profiles is \"100\""},
       {R"({"exposure_ms": -1})", "exposure_ms is -1"},
       {R"({"exposure_ms": 1e300})", "exposure_ms"},
+      {R"({"exposure_ms": "long"})", "exposure_ms is \"long\"; give \"auto\", or a number from 0 to 1000 ms"},
+      {R"({"exposure_ms": "auto", "dry_turn": true})",
+       "exposure_ms is \"auto\"; give a number of milliseconds with dry_turn"},
+      {R"({"exposure_ms": "auto", "method": "stereo"})", "milliseconds with the method stereo"},
       {R"({"lasers": 1})", "lasers is 1; give \"all\" or a list"},
       {R"({"lasers": [0, 0]})", "lasers is [0,0]"},
       {R"({"lasers": [4]})", "lasers is 4"},

@@ -75,7 +75,7 @@ TEST(Turns, AreWithEachLaserAtEachStop) {
   const Calibration c = with_axes();
   const std::vector<int> lasers = {1, 0};
   const std::vector<AxisStop> stops = {{0, 0}, {0.25, 10}};
-  std::vector<LaserTurn> turns = turns_with(lasers, stops, c, {});
+  std::vector<LaserTurn> turns = turns_with(std::vector<LaserExposures>{{1, {}}, {0, {}}}, stops, c, {});
   ASSERT_EQ(turns.size(), 4u);
   for (std::size_t k = 0; k < 4; ++k) {
     EXPECT_EQ(turns[k].laser, lasers[k % 2]);
