@@ -92,6 +92,14 @@ std::string milliseconds_text(double ms) {
 
 }  // namespace
 
+std::int64_t ExposurePlan::shortest_ns(double from_rad, double to_rad) const {
+  const std::size_t last = PeakSurvey::sector_of(std::max(from_rad, to_rad));
+  std::size_t k = PeakSurvey::sector_of(std::min(from_rad, to_rad));
+  std::int64_t shortest = exposures_ns_[k];
+  for (; k != last; k = (k + 1) % kSectors) shortest = std::min(shortest, exposures_ns_[(k + 1) % kSectors]);
+  return shortest;
+}
+
 std::vector<std::int64_t> ExposurePlan::values_ns() const {
   const std::set<std::int64_t> values(exposures_ns_.begin(), exposures_ns_.end());
   return {values.begin(), values.end()};

@@ -22,6 +22,8 @@ class ExposurePlan {
   bool empty() const { return exposures_ns_.empty(); }
   /// @pre not empty
   std::int64_t at_ns(double turn_rad) const { return exposures_ns_[PeakSurvey::sector_of(turn_rad)]; }
+  /// The shortest of those from one angle to another. @pre not empty; at most a turn apart
+  std::int64_t shortest_ns(double from_rad, double to_rad) const;
   /// Different ones, the shortest first.
   std::vector<std::int64_t> values_ns() const;
 

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <numbers>
@@ -111,6 +112,23 @@ TEST(ExposurePlan, ADarkThirdHasItsOwnAndNoSecondTurn) {
   EXPECT_NEAR(stretches[0].to_deg, 10, 5);
   EXPECT_EQ(stretches[1].from_deg, stretches[0].to_deg);
   EXPECT_EQ(stretches[1].to_deg, stretches[0].from_deg + 360);
+}
+
+TEST(ExposurePlan, TheShortestOfAWayIsThatOfAllItsSectors) {
+  std::array<std::int64_t, kSectors> exposures_ns;
+  exposures_ns.fill(8);
+  exposures_ns[3] = 2;  // 15 to 20 degrees
+  const ExposurePlan plan(exposures_ns);
+  const auto shortest = [&](double from_deg, double to_deg) {
+    return plan.shortest_ns(from_deg * std::numbers::pi / 180, to_deg * std::numbers::pi / 180);
+  };
+  EXPECT_EQ(shortest(12, 12), 8);
+  EXPECT_EQ(shortest(12, 16), 2);
+  EXPECT_EQ(shortest(16, 12), 2) << "whichever way the table turns";
+  EXPECT_EQ(shortest(19, 40), 2);
+  EXPECT_EQ(shortest(21, 370), 8);
+  EXPECT_EQ(shortest(350, 376), 2) << "over the index";
+  EXPECT_EQ(shortest(10, 21), 2) << "between";
 }
 
 TEST(ExposurePlan, ChangesAreAtLeast15DegreesApart) {

@@ -211,6 +211,33 @@ TEST(ScanExposure, FramesAcrossAChangeAreNotMisjudged) {
   }
 }
 
+// A line eight times too bright shines where it is not. A sweep this quick turns by five degrees in a frame.
+TEST(ScanExposure, NoBrightPlaceIsExposedForTheDarkOnes) {
+  FakeMachine machine;
+  machine.reflectance = dark_third;
+  const TemporaryFolder folder;
+  const ScanTask task = task_in(folder, ScanMode::sweep);
+  ScanOnlooker watcher;
+  const auto outcome = scan_on(machine, task, watcher);
+  ASSERT_TRUE(outcome) << outcome.error().reason;
+  auto log = ProfileLogReader::open(task.log_file);
+  ASSERT_TRUE(log);
+  std::int64_t exposure_ns = 0;
+  int bright = 0, dark = 0, glaring = 0;
+  while (const auto entry = (*log)->next_entry()) {
+    if (const auto* frame = std::get_if<LogFrame>(&*entry); frame != nullptr && frame->verdict == FrameVerdict::profile)
+      exposure_ns = frame->exposure_ns;
+    const auto* logged = std::get_if<LoggedProfile>(&*entry);
+    if (logged == nullptr || logged->profile->size() == 0) continue;
+    const bool is_dark = dark_third(logged->profile->theta_rad[0], 0) < 1;
+    ++(is_dark ? dark : bright);
+    glaring += !is_dark && exposure_ns > 2 * FakeMachine::kExposure_us * 1000;
+  }
+  EXPECT_GT(bright, 40);
+  EXPECT_GT(dark, 15);
+  EXPECT_EQ(glaring, 0);
+}
+
 TEST(ScanExposure, CoarseControlsDo) {
   FakeMachine machine;
   machine.reflectance = dark_third;
