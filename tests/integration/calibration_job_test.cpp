@@ -21,8 +21,7 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr const char* kBoard = "tags:10x7x10";
-constexpr double kRaised_mm = 10;  // so that the held board clears the platter
+constexpr const char* kBoard = "tags:10x7x8";
 
 void place(const Station& station, const std::string& scene) {
   const auto answer = ask_simulator(station.folder.path(), "scene " + scene);
@@ -85,7 +84,7 @@ class ApiOperator {
 
   const Station& station_;
   HttpClient client_;
-  const std::vector<std::string> poses_ = held_poses(kRaised_mm),
+  const std::vector<std::string> poses_ = held_poses(0),
                                  placements_ = {"@0,0,55,0,-8,30", "@14,-8,55,0,10,150", "@-10,12,55,5,-12,270"};
   std::size_t pose_ = 0, placed_ = 0;
   int step_ = 0, views_ = 0, useless_ = 0;
@@ -96,7 +95,7 @@ json device_of(const Station& station) {
 }
 
 TEST(CalibrationJob, AMachineWithoutACalibrationIsCalibratedAndScans) {
-  Station station("empty", {"--ambient", "8", "--fps", "12", "--width", "960", "--height", "768"});
+  Station station("empty", {"--ambient", "8", "--fps", "12"});
   const std::string file = station.folder / "calibration.toml";
   fs::remove(file);
   station.start_daemon();
@@ -110,12 +109,11 @@ TEST(CalibrationJob, AMachineWithoutACalibrationIsCalibratedAndScans) {
 
   HttpClient client(station.server());
   const auto created = client.post("/api/v1/calibrations", json{{"board", kBoard},
-                                                                {"width_mm", 100},
-                                                                {"height_mm", 70},
-                                                                {"measured_u_mm", 0.01},
+                                                                {"width_mm", 80},
+                                                                {"height_mm", 56},
+                                                                {"measured_u_mm", 0.007},
                                                                 {"views", 15},
-                                                                {"placements", 2},
-                                                                {"angles", 16}});
+                                                                {"angles", 24}});
   ASSERT_TRUE(created) << created.error();
   ASSERT_EQ(created->status, 201) << created->body;
   ApiOperator hand(station);
@@ -236,7 +234,7 @@ TEST(CalibrationJob, AKilledDaemonLeavesTheMachineSafeAndSaysInterrupted) {
   // Again, with the laser on a board.
   const auto created = client.post("/api/v1/calibrations", request);
   ASSERT_EQ(created->status, 201) << created->body;
-  place(station, "board:" + std::string(kBoard) + held_poses(kRaised_mm)[8]);
+  place(station, "board:" + std::string(kBoard) + held_poses(0)[8]);
   ASSERT_TRUE(client.events(created->location + "/events", [&](const std::string&, const std::string& data) {
     return json::parse(data)["state"] != "paused";
   }));
