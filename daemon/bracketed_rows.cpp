@@ -9,7 +9,19 @@ namespace {
 constexpr double kFaintRow = 25;            // grey levels
 constexpr double kSurelyUnsaturated = 150;  // of a peak, on the room's light
 
+void keep_first(std::size_t samples, Profile& profile) {
+  profile.r_mm.resize(samples);
+  profile.theta_rad.resize(samples);
+  profile.z_mm.resize(samples);
+  profile.covariance.resize(samples);
+  profile.row.resize(samples);
+}
+
 }  // namespace
+
+void leave_out(Profile& profile) {
+  keep_first(0, profile);
+}
 
 void leave_to_other_exposure(std::span<const LineRow> rows, std::int64_t exposure_ns, std::int64_t other_ns,
                              Profile& profile) {
@@ -29,11 +41,7 @@ void leave_to_other_exposure(std::span<const LineRow> rows, std::int64_t exposur
     profile.row[kept] = profile.row[k];
     ++kept;
   }
-  profile.r_mm.resize(kept);
-  profile.theta_rad.resize(kept);
-  profile.z_mm.resize(kept);
-  profile.covariance.resize(kept);
-  profile.row.resize(kept);
+  keep_first(kept, profile);
 }
 
 }  // namespace celadon

@@ -16,4 +16,7 @@ namespace celadon {
 void leave_to_other_exposure(std::span<const LineRow> rows, std::int64_t exposure_ns, std::int64_t other_ns,
                              Profile& profile);
 
+/// All samples of a profile that another turn sees better.
+void leave_out(Profile& profile);
+
 }  // namespace celadon

@@ -92,12 +92,8 @@ std::string milliseconds_text(double ms) {
 
 }  // namespace
 
-std::int64_t ExposurePlan::shortest_ns(double from_rad, double to_rad) const {
-  const std::size_t last = PeakSurvey::sector_of(std::max(from_rad, to_rad));
-  std::size_t k = PeakSurvey::sector_of(std::min(from_rad, to_rad));
-  std::int64_t shortest = exposures_ns_[k];
-  for (; k != last; k = (k + 1) % kSectors) shortest = std::min(shortest, exposures_ns_[(k + 1) % kSectors]);
-  return shortest;
+std::int64_t ExposurePlan::longest_ns() const {
+  return *std::max_element(exposures_ns_.begin(), exposures_ns_.end());
 }
 
 std::vector<std::int64_t> ExposurePlan::values_ns() const {
@@ -175,6 +171,25 @@ ExposureChoice choose_exposures(const std::array<PeakHistogram, kSectors>& peaks
                                ", or whiten the object with matting spray.");
   }
   return choice;
+}
+
+std::vector<ExposurePlan> one_exposure_a_turn(const std::vector<ExposurePlan>& plans) {
+  constexpr std::int64_t kWorthATurn = 4;  // times as long: a line of 100 levels is one of 25
+  std::array<std::int64_t, kSectors> wanted{}, second{};
+  for (const ExposurePlan& plan : plans) {
+    for (std::size_t k = 0; k < kSectors; ++k) wanted[k] = std::max(wanted[k], plan.in_sector_ns(k));
+  }
+  std::int64_t shortest = plans.front().longest_ns();
+  for (const ExposurePlan& plan : plans) shortest = std::min(shortest, plan.values_ns().front());
+  const std::int64_t longest = *std::max_element(wanted.begin(), wanted.end());
+  const auto is_dark = [&](std::size_t k) { return wanted[k % kSectors] >= kWorthATurn * shortest; };
+  for (std::size_t k = 0; k < kSectors; ++k)
+    second[k] = is_dark(k + kSectors - 1) || is_dark(k) || is_dark(k + 1) ? longest : shortest;
+  std::array<std::int64_t, kSectors> first{};
+  first.fill(shortest);
+  std::vector<ExposurePlan> out{ExposurePlan(first)};
+  if (longest >= kWorthATurn * shortest) out.emplace_back(second);
+  return out;
 }
 
 }  // namespace celadon

@@ -22,8 +22,10 @@ class ExposurePlan {
   bool empty() const { return exposures_ns_.empty(); }
   /// @pre not empty
   std::int64_t at_ns(double turn_rad) const { return exposures_ns_[PeakSurvey::sector_of(turn_rad)]; }
-  /// The shortest of those from one angle to another. @pre not empty; at most a turn apart
-  std::int64_t shortest_ns(double from_rad, double to_rad) const;
+  /// @pre not empty
+  std::int64_t longest_ns() const;
+  /// @pre not empty; sector < kSectors
+  std::int64_t in_sector_ns(std::size_t sector) const { return exposures_ns_[sector]; }
   /// Different ones, the shortest first.
   std::vector<std::int64_t> values_ns() const;
 
@@ -56,5 +58,9 @@ struct ExposureChoice {
 /// @pre some sector has peaks; limits > 0
 ExposureChoice choose_exposures(const std::array<PeakHistogram, PeakSurvey::kSectors>& peaks,
                                 const ExposureLimits& limits);
+
+/// The same for turns of one exposure each, the longest of their plans: the first as the brightest sectors want it; a
+/// second, where some want four times that and more, as the darkest want it, planned for those and their neighbours.
+std::vector<ExposurePlan> one_exposure_a_turn(const std::vector<ExposurePlan>& plans);
 
 }  // namespace celadon

@@ -18,7 +18,6 @@ namespace {
 constexpr double kTurn_rad = 2 * std::numbers::pi;
 constexpr auto kProgressInterval = std::chrono::milliseconds(100);
 constexpr double kLossWorthTelling = 0.01;  // share of frames
-constexpr double kFramesAhead = 3;          // by which a shorter exposure is asked for before it is needed
 
 tl::unexpected<ScanStop> capture_failed(const std::string& reason) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false});
@@ -78,7 +77,9 @@ class Intake {
     const auto counts = tools_.turn->triangulator.triangulate(
         rows_, info, [&](std::int64_t ns) { return angle.at(ns); }, profile_);
     if (tools_.turn->stop_number == 0) tools_.datum.object(profile_);
-    if (!tools_.turn->other_plan.empty()) {
+    if (is_other_turns(table_rad(angle.middle))) {
+      leave_out(profile_);
+    } else if (!tools_.turn->other_plan.empty()) {
       leave_to_other_exposure(rows_, info.exposure_ns, tools_.turn->other_plan.at_ns(table_rad(angle.middle)),
                               profile_);
     }
@@ -160,6 +161,12 @@ class Intake {
     return options;
   }
 
+  /// A sweep has one exposure: where its plan has another one, the other turn sees it well.
+  bool is_other_turns(double table_rad) const {
+    const ExposurePlan& plan = tools_.turn->plan;
+    return tools_.request.mode == ScanMode::sweep && !tools_.turn->other_plan.empty() &&
+           plan.at_ns(table_rad) != plan.longest_ns();
+  }
   double table_rad(const AngleAtInstant& encoder) const { return encoder.angle_rad / turn_.encoder_per_true; }
 
   void report(double turned_rad, bool now = false) {
@@ -208,12 +215,10 @@ tl::expected<void, ScanStop> look_at_room(const CaptureTools& tools, Intake& int
   return tools.feed.laser_on();
 }
 
-/// What the turn's plan wants from one angle of the encoder to another.
-tl::expected<void, ScanStop> expose_between(const CaptureTools& tools, const TurnLayout& turn, double from_rad,
-                                            double to_rad) {
+/// What the turn's plan wants at an angle of the encoder.
+tl::expected<void, ScanStop> expose_at(const CaptureTools& tools, const TurnLayout& turn, double encoder_rad) {
   if (tools.turn->plan.empty()) return {};
-  return tools.feed.expose_for(
-      tools.turn->plan.shortest_ns(from_rad / turn.encoder_per_true, to_rad / turn.encoder_per_true));
+  return tools.feed.expose_for(tools.turn->plan.at_ns(encoder_rad / turn.encoder_per_true));
 }
 
 }  // namespace
@@ -229,20 +234,13 @@ tl::expected<CaptureResult, ScanStop> sweep(const CaptureTools& tools) {
   const DeviceCapabilities& limits = tools.equipment.device->capabilities();
   const TableWay way = way_of_sweep(tools.equipment, turn);
   const double speed = way.speed_rad_per_s;
-  Clock& clock = tools.equipment.clock;
-  // A frame that has begun keeps its exposure, and the next one is decided on a frame later: a place that is bright for
-  // the exposure to come would be saturated, and shine where the line is not.
-  const double ahead_rad =
-      kFramesAhead * speed * static_cast<double>(tools.equipment.camera.mode().frame_period_ns) * 1e-9;
-  const double begin_rad = feed.status().angle_rad + way.run_up_rad;
-  if (auto exposed = expose_between(tools, turn, begin_rad, begin_rad + ahead_rad); !exposed)
-    return tl::make_unexpected(exposed.error());
+  if (!tools.turn->plan.empty()) {
+    if (auto exposed = feed.expose_for(tools.turn->plan.longest_ns()); !exposed)
+      return tl::make_unexpected(exposed.error());
+  }
   feed.count_lost_frames();
   Intake intake(tools, turn);
-  const auto take = [&](Frame frame, const FrameAngle& angle, double turned) -> tl::expected<void, ScanStop> {
-    // The frames to come are exposed further on: by where the table is by now.
-    const double now_rad = angle.at(clock.now_ns()).angle_rad;
-    if (auto exposed = expose_between(tools, turn, now_rad, now_rad + ahead_rad); !exposed) return exposed;
+  const auto take = [&](Frame frame, const FrameAngle& angle, double turned) {
     return intake.take(std::move(frame), angle, turned);
   };
   auto swept = sweep_table(tools.equipment, feed, turn, tools.turn->triangulator, take);
@@ -281,8 +279,7 @@ tl::expected<CaptureResult, ScanStop> step_around(const CaptureTools& tools) {
   for (int k = 0; k < steps; ++k) {
     // Before the move, so that the camera has it when the table rests.
     const double next_rad = base + (k + 1) * pitch;
-    if (auto exposed = expose_between(tools, turn, next_rad, next_rad); !exposed)
-      return tl::make_unexpected(exposed.error());
+    if (auto exposed = expose_at(tools, turn, next_rad); !exposed) return tl::make_unexpected(exposed.error());
     auto settled = device.rotate_to(next_rad, limits.max_speed_rad_per_s);
     if (!settled) return tl::make_unexpected(stop_of(settled.error()));
     if (auto on = feed.keep_laser_on(); !on) return tl::make_unexpected(on.error());

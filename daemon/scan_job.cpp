@@ -304,7 +304,8 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
       (*feed)->use_laser(exposures[k].laser, first_stop);
       auto found = find_exposures(equipment, **feed, turns[k]);
       if (!found) return tl::make_unexpected(found.error());
-      exposures[k].plans = std::move(found->plans);
+      exposures[k].plans =
+          task.request.mode == ScanMode::sweep ? one_exposure_a_turn(found->plans) : std::move(found->plans);
       std::move(found->unreached.begin(), found->unreached.end(), std::back_inserter(unreached));
     }
     notes.warnings.insert(notes.warnings.end(), unreached.begin(), unreached.end());

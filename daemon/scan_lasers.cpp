@@ -38,7 +38,7 @@ tl::expected<void, ScanStop> look_again(const ScanEquipment& equipment, FrameFee
                                         std::span<const LaserTurn> turns, RecordedLook which) {
   auto seen = equipment.device == nullptr
                   ? look_at_recording(equipment, turn.triangulator, turn.laser, turn.stop, which)
-                  : look_at_object(equipment, feed, turn.triangulator, turn.plan);
+                  : look_at_object(equipment, feed, turn.triangulator, turn.plan, turn.other_plan);
   if (!seen) return tl::make_unexpected(about(turn, turns, seen.error()));
   turn.seen = std::move(*seen);
   if (turns.size() > 1) {

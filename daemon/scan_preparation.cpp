@@ -145,7 +145,8 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
 }
 
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
-                                                       const Triangulator& triangulator, const ExposurePlan& plan) {
+                                                       const Triangulator& triangulator, const ExposurePlan& plan,
+                                                       const ExposurePlan& other_plan) {
   ScanPreparation preparation;
   if (auto off = feed.laser_off(); !off) return tl::make_unexpected(off.error());
   if (plan.empty()) {
@@ -156,6 +157,15 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     auto backgrounds = dark_turn(equipment, feed, triangulator, plan);
     if (!backgrounds) return tl::make_unexpected(backgrounds.error());
     preparation.backgrounds = std::move(*backgrounds);
+    // Where the table stands the shorter exposure may show nothing.
+    const double here_rad = feed.status().angle_rad * equipment.calibration.encoder.scale.value;
+    if (!other_plan.empty() && other_plan.at_ns(here_rad) > plan.at_ns(here_rad)) {
+      if (auto exposed = feed.expose_for(other_plan.at_ns(here_rad)); !exposed)
+        return tl::make_unexpected(exposed.error());
+      auto background = dark_background(feed, equipment.clock);
+      if (!background) return tl::make_unexpected(background.error());
+      preparation.backgrounds.put(feed.exposure_in_force_ns(), Backgrounds::part_of(here_rad), std::move(*background));
+    }
   }
   const std::span<const std::uint8_t> background = preparation.backgrounds.of(
       feed.exposure_in_force_ns(), feed.status().angle_rad * equipment.calibration.encoder.scale.value);

@@ -53,8 +53,10 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
 tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& feed, Clock& clock);
 /// Backgrounds with the laser off, by a plan those of a quick turn, then the laser on until its line is steady. Leaves
 /// the laser on.
+/// @param other_plan  of the turn that sees the same: the line is looked for with the longer exposure of both
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
-                                                       const Triangulator& triangulator, const ExposurePlan& plan = {});
+                                                       const Triangulator& triangulator, const ExposurePlan& plan = {},
+                                                       const ExposurePlan& other_plan = {});
 
 /// Which of the looks with a laser at a stop: those that fixed what is worked on, or the ones that its own turn
 /// followed.

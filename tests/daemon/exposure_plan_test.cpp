@@ -114,21 +114,30 @@ TEST(ExposurePlan, ADarkThirdHasItsOwnAndNoSecondTurn) {
   EXPECT_EQ(stretches[1].to_deg, stretches[0].from_deg + 360);
 }
 
-TEST(ExposurePlan, TheShortestOfAWayIsThatOfAllItsSectors) {
-  std::array<std::int64_t, kSectors> exposures_ns;
-  exposures_ns.fill(8);
-  exposures_ns[3] = 2;  // 15 to 20 degrees
-  const ExposurePlan plan(exposures_ns);
-  const auto shortest = [&](double from_deg, double to_deg) {
-    return plan.shortest_ns(from_deg * std::numbers::pi / 180, to_deg * std::numbers::pi / 180);
-  };
-  EXPECT_EQ(shortest(12, 12), 8);
-  EXPECT_EQ(shortest(12, 16), 2);
-  EXPECT_EQ(shortest(16, 12), 2) << "whichever way the table turns";
-  EXPECT_EQ(shortest(19, 40), 2);
-  EXPECT_EQ(shortest(21, 370), 8);
-  EXPECT_EQ(shortest(350, 376), 2) << "over the index";
-  EXPECT_EQ(shortest(10, 21), 2) << "between";
+// A sweep keeps one exposure: its second turn is planned for the dark third and what is beside it.
+TEST(ExposurePlan, TurnsOfOneExposureAreTheBrightOnesAndTheDarkOnes) {
+  const ExposureChoice choice = choice_of([](double deg, int) { return deg > 7 && deg < 128 ? 2. : 50.; });
+  const std::vector<ExposurePlan> turns = one_exposure_a_turn(choice.plans);
+  ASSERT_EQ(turns.size(), 2u);
+  EXPECT_EQ(turns[0].values_ns().size(), 1u);
+  EXPECT_EQ(turns[0].longest_ns(), choice.plans[0].values_ns().front());
+  EXPECT_EQ(turns[1].longest_ns(), choice.plans[0].values_ns().back());
+  EXPECT_EQ(at_deg(turns[1], 60), 16);
+  EXPECT_EQ(at_deg(turns[1], 7.5), 16) << "the sector of the border";
+  EXPECT_EQ(at_deg(turns[1], 129), 16);
+  EXPECT_EQ(turns[1].at_ns(4), turns[0].longest_ns());
+
+  const ExposureChoice bands = choice_of([](double, int row) { return row % 2 == 0 ? 50. : 0.9; });
+  ASSERT_EQ(bands.plans.size(), 2u);
+  const std::vector<ExposurePlan> same = one_exposure_a_turn(bands.plans);
+  ASSERT_EQ(same.size(), 2u);
+  EXPECT_EQ(same[0].values_ns(), bands.plans[0].values_ns());
+  EXPECT_EQ(same[1].values_ns(), bands.plans[1].values_ns());
+}
+
+TEST(ExposurePlan, ALittleDarkerIsNotWorthATurn) {
+  const ExposureChoice choice = choice_of([](double deg, int) { return deg < 120 ? 20. : 40.; });
+  EXPECT_EQ(one_exposure_a_turn(choice.plans).size(), 1u);
 }
 
 TEST(ExposurePlan, ChangesAreAtLeast15DegreesApart) {

@@ -50,15 +50,17 @@ TEST(Exposure, ADarkThirdIsCoveredByAutoAndNotByAFixedOne) {
   station.start_daemon();
   const json fixed = scan_exposed(station, "1").report;
   EXPECT_TRUE(fixed.is_null() || fixed["coverage"] < 0.75) << fixed;
-  for (const char* mode : {"sweep", "step"}) {
+  // Again where the table stands then: on the dark third.
+  for (const char* mode : {"sweep", "step", "sweep"}) {
     const ExposedScan found = scan_exposed(station, "auto", mode);
     ASSERT_FALSE(found.report.is_null());
     EXPECT_GT(found.report["coverage"], 0.98) << mode;
-    // At the paint's border a frame may show both colours, and a stray line of the bright one: README.md, limits.
     EXPECT_LT(std::abs(found.report["truth_mm"]["bias"].get<double>()), 0.02) << mode << found.report["truth_mm"];
-    EXPECT_LT(rms_mm(found.report), 0.3) << mode << found.report["truth_mm"];
-    EXPECT_EQ(found.report["exposures"]["bracketed"], false);
-    EXPECT_EQ(found.report["exposures"]["turns"][0]["stretches"].size(), 2u) << found.report["exposures"];
+    EXPECT_LT(rms_mm(found.report), 0.03) << mode << found.report["truth_mm"];
+    EXPECT_LT(found.report["truth_mm"]["max"], 0.4) << mode << found.report["truth_mm"];
+    const bool swept = mode == std::string("sweep");
+    EXPECT_EQ(found.report["exposures"]["bracketed"], swept);
+    EXPECT_EQ(found.report["exposures"]["turns"].back()["stretches"].size(), 2u) << found.report["exposures"];
     EXPECT_NE(found.printed.find("by the line's peaks"), std::string::npos) << found.printed;
     expect_safe(station);
   }
