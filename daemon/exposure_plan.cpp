@@ -174,7 +174,7 @@ ExposureChoice choose_exposures(const std::array<PeakHistogram, kSectors>& peaks
 }
 
 std::vector<ExposurePlan> one_exposure_a_turn(const std::vector<ExposurePlan>& plans) {
-  constexpr std::int64_t kWorthATurn = 4;  // times as long: a line of 100 levels is one of 25
+  constexpr std::int64_t kTimesAsLong = 4;  // worth a turn: a line of 100 levels is one of 25
   std::array<std::int64_t, kSectors> wanted{}, second{};
   for (const ExposurePlan& plan : plans) {
     for (std::size_t k = 0; k < kSectors; ++k) wanted[k] = std::max(wanted[k], plan.in_sector_ns(k));
@@ -182,13 +182,13 @@ std::vector<ExposurePlan> one_exposure_a_turn(const std::vector<ExposurePlan>& p
   std::int64_t shortest = plans.front().longest_ns();
   for (const ExposurePlan& plan : plans) shortest = std::min(shortest, plan.values_ns().front());
   const std::int64_t longest = *std::max_element(wanted.begin(), wanted.end());
-  const auto is_dark = [&](std::size_t k) { return wanted[k % kSectors] >= kWorthATurn * shortest; };
+  const auto is_dark = [&](std::size_t k) { return wanted[k % kSectors] >= kTimesAsLong * shortest; };
   for (std::size_t k = 0; k < kSectors; ++k)
     second[k] = is_dark(k + kSectors - 1) || is_dark(k) || is_dark(k + 1) ? longest : shortest;
   std::array<std::int64_t, kSectors> first{};
   first.fill(shortest);
   std::vector<ExposurePlan> out{ExposurePlan(first)};
-  if (longest >= kWorthATurn * shortest) out.emplace_back(second);
+  if (longest >= kTimesAsLong * shortest) out.emplace_back(second);
   return out;
 }
 

@@ -131,10 +131,8 @@ TEST(CalibrationJob, AMachineWithoutACalibrationIsCalibratedAndScans) {
   const auto scanned = run(scan);
   ASSERT_EQ(scanned.exit_code, 0) << scanned.err;
   const json report = json::parse(read_file(station.folder / "out" / "report.json"));
-  std::printf("%s\n%s\n", report["truth_mm"].dump().c_str(), report["dimensions"].dump().c_str());
+  std::printf("%s\n", report["truth_mm"].dump().c_str());
   EXPECT_LT(report["truth_mm"]["rms"].get<double>(), 3 * record["values"]["systematic_mm"].get<double>());
-  const json& diameter = report["dimensions"][0];
-  EXPECT_NEAR(diameter["value"].get<double>(), 50, 3 * diameter["standard_uncertainty"].get<double>());
 }
 
 TEST(CalibrationJob, WithoutAFileNamedItBelongsToTheStore) {
