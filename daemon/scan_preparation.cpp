@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <numbers>
 #include <span>
 
 #include "daemon/dark_frame.h"
@@ -92,6 +93,35 @@ std::string seconds(std::int64_t ns) {
   return text;
 }
 
+/// Turns the table on to where the plans want the shortest exposure: a dark part may show no line to begin with. Where
+/// the travel ends it stays. @pre the laser is off
+tl::expected<void, ScanStop> stand_where_bright(const ScanEquipment& equipment, FrameFeed& feed,
+                                                const ExposurePlan& plan, const ExposurePlan& other_plan) {
+  constexpr double kSector_rad = 2 * std::numbers::pi / ExposurePlan::kSectors;
+  const double per_encoder = equipment.calibration.encoder.scale.value;
+  const auto longest_beside = [&](double rad) {
+    std::int64_t longest_ns = 0;
+    for (const double off_rad : {-kSector_rad, 0., kSector_rad}) {
+      longest_ns = std::max(longest_ns, plan.at_ns(rad + off_rad));
+      if (!other_plan.empty()) longest_ns = std::max(longest_ns, other_plan.at_ns(rad + off_rad));
+    }
+    return longest_ns;
+  };
+  ScannerDevice& device = *equipment.device;
+  const double here_rad = feed.status().angle_rad;
+  double there_rad = here_rad;
+  for (std::size_t k = 1; k < ExposurePlan::kSectors && device.capabilities().endless_rotation; ++k) {
+    const double on_rad = here_rad + static_cast<double>(k) * kSector_rad / per_encoder;
+    if (longest_beside(on_rad * per_encoder) < longest_beside(there_rad * per_encoder)) there_rad = on_rad;
+  }
+  if (there_rad != here_rad) {
+    auto turned = device.rotate_to(there_rad, device.capabilities().max_speed_rad_per_s);
+    if (!turned) return tl::make_unexpected(stop_of(turned.error()));
+    if (auto polled = feed.poll(); !polled) return polled;
+  }
+  return feed.expose_for(plan.at_ns(there_rad * per_encoder));
+}
+
 }  // namespace
 
 LineBrightness brightness_of(const std::vector<LineRow>& rows) {
@@ -157,15 +187,8 @@ tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equi
     auto backgrounds = dark_turn(equipment, feed, triangulator, plan);
     if (!backgrounds) return tl::make_unexpected(backgrounds.error());
     preparation.backgrounds = std::move(*backgrounds);
-    // Where the table stands the shorter exposure may show nothing.
-    const double here_rad = feed.status().angle_rad * equipment.calibration.encoder.scale.value;
-    if (!other_plan.empty() && other_plan.at_ns(here_rad) > plan.at_ns(here_rad)) {
-      if (auto exposed = feed.expose_for(other_plan.at_ns(here_rad)); !exposed)
-        return tl::make_unexpected(exposed.error());
-      auto background = dark_background(feed, equipment.clock);
-      if (!background) return tl::make_unexpected(background.error());
-      preparation.backgrounds.put(feed.exposure_in_force_ns(), Backgrounds::part_of(here_rad), std::move(*background));
-    }
+    if (auto stands = stand_where_bright(equipment, feed, plan, other_plan); !stands)
+      return tl::make_unexpected(stands.error());
   }
   const std::span<const std::uint8_t> background = preparation.backgrounds.of(
       feed.exposure_in_force_ns(), feed.status().angle_rad * equipment.calibration.encoder.scale.value);

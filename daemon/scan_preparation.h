@@ -53,7 +53,7 @@ tl::expected<void, ScanStop> make_device_ready(const ScanEquipment& equipment, c
 tl::expected<std::vector<std::uint8_t>, ScanStop> dark_background(FrameFeed& feed, Clock& clock);
 /// Backgrounds with the laser off, by a plan those of a quick turn, then the laser on until its line is steady. Leaves
 /// the laser on.
-/// @param other_plan  of the turn that sees the same: the line is looked for with the longer exposure of both
+/// @param other_plan  of the turn that sees the same: the line is looked for where both expose for the shortest time
 tl::expected<ScanPreparation, ScanStop> look_at_object(const ScanEquipment& equipment, FrameFeed& feed,
                                                        const Triangulator& triangulator, const ExposurePlan& plan = {},
                                                        const ExposurePlan& other_plan = {});

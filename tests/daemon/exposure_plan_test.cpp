@@ -15,7 +15,6 @@
 namespace celadon {
 namespace {
 
-constexpr std::size_t kSectors = PeakSurvey::kSectors;
 constexpr int kRows = 200;
 const ExposureLimits kLimits{16, 0.02, 0, false};
 
