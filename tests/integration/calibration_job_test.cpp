@@ -95,7 +95,7 @@ json device_of(const Station& station) {
 }
 
 TEST(CalibrationJob, AMachineWithoutACalibrationIsCalibratedAndScans) {
-  Station station("empty", {"--ambient", "8", "--fps", "12"});
+  Station station("empty", {"--ambient", "8", "--fps", "6"});
   const std::string file = station.folder / "calibration.toml";
   fs::remove(file);
   station.start_daemon();
