@@ -307,7 +307,7 @@ TEST(ScanExposure, ARefusalAtAnyMomentLeavesTheMachineAsItWas) {
 TEST(ScanExposure, CancelledAtAnyInstantItIsSafeAndTheExposureIsPutBack) {
   bool whole = false;
   int cut_short = 0;
-  for (int instant = 3; !whole; instant += 97) {
+  for (int instant = 3; !whole; instant += 211) {
     FakeMachine machine;
     machine.reflectance = bands;
     const TemporaryFolder folder;
