@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "acquisition/calibrate/bundle.h"
 #include "acquisition/calibrate/initial_camera.h"
@@ -17,11 +18,11 @@ struct Misses {
   int count = 0;
 
   double rms() const { return count > 0 ? std::sqrt(squares / count) : 0; }
-  void add(const Estimate& parameters, const Eigen::Isometry3d& X_CB, const ViewObservation& view, std::size_t first,
-           std::size_t step) {
-    for (std::size_t i = first; i < view.corners.size(); i += step) {
-      const CornerObservation& corner = view.corners[i];
-      if (!(corner.weight > 0)) continue;
+  /// Of one half of the corners, or of both.
+  void add(const Estimate& parameters, const Eigen::Isometry3d& X_CB, const ViewObservation& view,
+           std::optional<int> half = {}) {
+    for (const CornerObservation& corner : view.corners) {
+      if (!(corner.weight > 0) || (half && corner.half != *half)) continue;
       const Eigen::Vector3d p_C = X_CB * on_board(parameters, corner.p_mm);
       squares +=
           (project(parameters.camera.data(), p_C.x() / p_C.z(), p_C.y() / p_C.z()).p_px - corner.p_px).squaredNorm();
@@ -52,14 +53,13 @@ HeldOutErrors held_out_errors(const Observations& observations, const Estimate& 
     for (const ViewObservation* view : held_out) {
       if (!view->at_zero()) {
         const Eigen::Isometry3d X_CB = pose_of(*parameters, *view);
-        if (view->raised()) raised.add(*parameters, X_CB, *view, 0, 1);
-        if (view->lifted()) lifted.add(*parameters, X_CB, *view, 0, 1);
+        if (view->raised()) raised.add(*parameters, X_CB, *view);
+        if (view->lifted()) lifted.add(*parameters, X_CB, *view);
         continue;
       }
       Eigen::Isometry3d X_CB = pose_of(solution, *view);
-      // Of few corners the half may lie in a line, and says nothing of the pose.
-      if (!refine_pose(*parameters, *view, 0, 2, X_CB)) continue;
-      corners.add(*parameters, X_CB, *view, 1, 2);
+      if (!refine_pose(*parameters, *view, 0, X_CB)) return {kUnpredicted, kUnpredicted, kUnpredicted};
+      corners.add(*parameters, X_CB, *view, 1);
     }
   }
   return {corners.count > 0 ? corners.rms() : kUnpredicted, raised.rms(), lifted.rms()};

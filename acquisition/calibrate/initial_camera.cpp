@@ -90,43 +90,6 @@ Eigen::Isometry3d pose_from(const Matrix3d& H, double focal_px) {
   return X_CB;
 }
 
-using Matrix6d = Eigen::Matrix<double, 6, 6>;
-using Vector6d = Eigen::Matrix<double, 6, 1>;
-
-/// Normal equations of a pose about itself: rotation vector on the left, then translation.
-struct PoseEquations {
-  Matrix6d N = Matrix6d::Zero();
-  Vector6d g = Vector6d::Zero();
-  double squares = 0;
-};
-
-/// Of every `step`th corner from `first` on; nullopt where one lies behind the camera.
-std::optional<PoseEquations> linearised(const Estimate& estimate, const ViewObservation& view, std::size_t first,
-                                        std::size_t step, const Eigen::Isometry3d& X_CB) {
-  PoseEquations out;
-  for (std::size_t i = first; i < view.corners.size(); i += step) {
-    const CornerObservation& corner = view.corners[i];
-    if (!(corner.weight > 0)) continue;
-    const Vector3d turned = X_CB.linear() * on_board(estimate, corner.p_mm);
-    const Vector3d p = turned + X_CB.translation();
-    if (!(p.z() > 0)) return std::nullopt;
-    const double a = p.x() / p.z(), b = p.y() / p.z();
-    const Projection at = project(estimate.camera.data(), a, b);
-    Eigen::Matrix<double, 2, 3> by_point;
-    by_point << 1 / p.z(), 0, -a / p.z(), 0, 1 / p.z(), -b / p.z();
-    by_point = (at.by_ray * by_point / corner.sigma_px).eval();
-    Matrix3d cross;
-    cross << 0, turned.z(), -turned.y(), -turned.z(), 0, turned.x(), turned.y(), -turned.x(), 0;
-    Eigen::Matrix<double, 2, 6> J;
-    J << by_point * cross, by_point;
-    const Eigen::Vector2d miss = (at.p_px - corner.p_px) / corner.sigma_px;
-    out.N += J.transpose() * J;
-    out.g += J.transpose() * miss;
-    out.squares += miss.squaredNorm();
-  }
-  return out;
-}
-
 }  // namespace
 
 tl::expected<Estimate, std::string> initial_camera(Observations& observations, int width_px, int height_px) {
@@ -154,38 +117,37 @@ tl::expected<Estimate, std::string> initial_camera(Observations& observations, i
   return out;
 }
 
-bool refine_pose(const Estimate& estimate, const ViewObservation& view, std::size_t first, std::size_t step,
-                 Eigen::Isometry3d& X_CB) {
-  constexpr int kMostSteps = 60;
-  constexpr double kDamping = 1e-9, kMostDamping = 1e6;
-  constexpr double kSettled = 1e-8;  // of a squared standard deviation, that a step would still gain
-  auto at = linearised(estimate, view, first, step, X_CB);
-  if (!at) return false;
-  // Few corners of an oblique board are seen nearly as well from its mirror pose: undamped steps go to and fro.
-  double damping = kDamping;
+bool refine_pose(const Estimate& estimate, const ViewObservation& view, int half, Eigen::Isometry3d& X_CB) {
+  constexpr int kMostSteps = 30;
   for (int iteration = 0; iteration < kMostSteps; ++iteration) {
-    Matrix6d N = at->N;
-    N.diagonal() *= 1 + damping;
-    const Vector6d move = -N.ldlt().solve(at->g);
+    Eigen::Matrix<double, 6, 6> N = Eigen::Matrix<double, 6, 6>::Zero();
+    Eigen::Matrix<double, 6, 1> g = Eigen::Matrix<double, 6, 1>::Zero();
+    for (const CornerObservation& corner : view.corners) {
+      if (!(corner.weight > 0) || corner.half != half) continue;
+      const Vector3d turned = X_CB.linear() * on_board(estimate, corner.p_mm);
+      const Vector3d p = turned + X_CB.translation();
+      if (!(p.z() > 0)) return false;
+      const double a = p.x() / p.z(), b = p.y() / p.z();
+      const Projection at = project(estimate.camera.data(), a, b);
+      Eigen::Matrix<double, 2, 3> by_point;
+      by_point << 1 / p.z(), 0, -a / p.z(), 0, 1 / p.z(), -b / p.z();
+      by_point = (at.by_ray * by_point / corner.sigma_px).eval();
+      Matrix3d cross;
+      cross << 0, turned.z(), -turned.y(), -turned.z(), 0, turned.x(), turned.y(), -turned.x(), 0;
+      Eigen::Matrix<double, 2, 6> J;
+      J << by_point * cross, by_point;
+      N += J.transpose() * J;
+      g += J.transpose() * (at.p_px - corner.p_px) / corner.sigma_px;
+    }
+    const Eigen::Matrix<double, 6, 1> move = -N.ldlt().solve(g);
     if (!move.allFinite()) return false;
     const double angle = move.head<3>().norm();
-    const bool settled = damping <= kDamping && -at->g.dot(move) <= kSettled;
-    Eigen::Isometry3d moved = X_CB;
     if (angle > 0) {
-      moved.linear() =
+      X_CB.linear() =
           Eigen::Quaterniond(Eigen::AngleAxisd(angle, move.head<3>() / angle) * X_CB.linear()).normalized().matrix();
     }
-    moved.translation() += move.tail<3>();
-    const auto there = linearised(estimate, view, first, step, moved);
-    if (there && (settled || there->squares <= at->squares)) {
-      X_CB = moved;
-      at = there;
-      damping = std::max(kDamping, 0.1 * damping);
-    } else {
-      damping *= 10;
-    }
-    if (settled) return true;
-    if (damping > kMostDamping) return false;
+    X_CB.translation() += move.tail<3>();
+    if (angle < 1e-11 && move.tail<3>().norm() < 1e-9 * X_CB.translation().norm()) return true;
   }
   return false;
 }

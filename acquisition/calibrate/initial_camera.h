@@ -14,10 +14,9 @@ namespace celadon::calibrate {
 /// Errors: fewer than three views that fit.
 tl::expected<Estimate, std::string> initial_camera(Observations& observations, int width_px, int height_px);
 
-/// Pose of a board by Levenberg and Marquardt from some of its corners, the camera given.
-/// @param first, step which corners: first, first + step, ...
+/// Pose of a board by Gauss and Newton from some of its corners, the camera given.
+/// @param half  of the corners, CornerObservation::half
 /// @return whether it converged
-bool refine_pose(const Estimate& estimate, const ViewObservation& view, std::size_t first, std::size_t step,
-                 Eigen::Isometry3d& X_CB);
+bool refine_pose(const Estimate& estimate, const ViewObservation& view, int half, Eigen::Isometry3d& X_CB);
 
 }  // namespace celadon::calibrate

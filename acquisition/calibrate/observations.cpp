@@ -42,6 +42,11 @@ tl::expected<Observations, std::string> arrange(const CalibrationInput& input) {
     }
   }
   Observations out;
+  // Halfway places of boards with an even number of corners and rounding fall on no border.
+  const auto half_of = [&](const Eigen::Vector2d& p_mm) {
+    const Eigen::Vector2d squares = (p_mm / input.board.square_mm()).array() + 0.25;
+    return (static_cast<int>(std::floor(squares.x())) + static_cast<int>(std::floor(squares.y()))) & 1;
+  };
   for (const BoardCorner& corner : input.board.corners()) {
     out.places[corner.id] = corner.p_mm;
     out.board_radius_mm = std::max(out.board_radius_mm, corner.p_mm.norm());
@@ -73,7 +78,8 @@ tl::expected<Observations, std::string> arrange(const CalibrationInput& input) {
         return tl::unexpected("corner " + std::to_string(corner.id) + " in " + where +
                               " has no finite place or no positive standard deviation; leave it out");
       }
-      view.corners.push_back({.p_mm = place->second, .p_px = corner.p_px, .sigma_px = corner.sigma_px});
+      view.corners.push_back(
+          {.p_mm = place->second, .p_px = corner.p_px, .sigma_px = corner.sigma_px, .half = half_of(place->second)});
     }
     for (const SeenLine& line : seen.lines) {
       auto arranged = arrange_line(line, where);

@@ -18,7 +18,8 @@ struct CornerObservation {
   Eigen::Vector2d p_mm;  ///< on the print, nominal
   Eigen::Vector2d p_px;
   double sigma_px = 0;
-  double weight = 1;                                   ///< 0: left out
+  int half = 0;       ///< 0 or 1, like a chessboard's colours: neither half of two columns or rows lies in a line
+  double weight = 1;  ///< 0: left out
   Eigen::Vector2d residual = Eigen::Vector2d::Zero();  ///< in standard deviations
 };
 

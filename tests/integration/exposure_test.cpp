@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
@@ -36,6 +37,16 @@ Station painted(const std::string& paint) {
   return Station("vase-squeezed", {"--paint", paint, "--width", "640", "--height", "512", "--line-levels", "600"});
 }
 
+void print_result(const std::string& what, const json& report) {
+  std::printf("%s: covered %.1f %%, rms %.1f, largest %.1f micrometres; failed checks:", what.c_str(),
+              100 * report["coverage"].get<double>(), 1e3 * report["truth_mm"]["rms"].get<double>(),
+              1e3 * report["truth_mm"]["max"].get<double>());
+  for (const json& check : report["checks"]) {
+    if (check["verdict"] == "failed") std::printf(" %s", check["name"].get<std::string>().c_str());
+  }
+  std::printf("\n");
+}
+
 double rms_mm(const json& report) {
   return report["truth_mm"]["rms"].get<double>();
 }
@@ -54,6 +65,7 @@ TEST(Exposure, ADarkThirdIsCoveredByAutoAndNotByAFixedOne) {
   for (const char* mode : {"sweep", "step", "sweep"}) {
     const ExposedScan found = scan_exposed(station, "auto", mode);
     ASSERT_FALSE(found.report.is_null());
+    print_result(std::string("a dark third, auto, ") + mode, found.report);
     EXPECT_GT(found.report["coverage"], 0.98) << mode;
     EXPECT_LT(std::abs(found.report["truth_mm"]["bias"].get<double>()), 0.02) << mode << found.report["truth_mm"];
     EXPECT_LT(rms_mm(found.report), 0.03) << mode << found.report["truth_mm"];
@@ -75,6 +87,8 @@ TEST(Exposure, BrightAndDarkBandsAreCoveredByTwoTurnsAndAsAccurately) {
   station.start_daemon();
   const json found = scan_exposed(station, "auto").report;
   ASSERT_FALSE(found.is_null() || even.is_null());
+  print_result("one colour, 1 ms", even);
+  print_result("bands, auto", found);
   EXPECT_EQ(found["exposures"]["bracketed"], true);
   ASSERT_EQ(found["lasers"].size(), 2u);
   EXPECT_GT(found["coverage"], 0.98);
@@ -87,6 +101,8 @@ TEST(Exposure, BrightAndDarkBandsAreCoveredByTwoTurnsAndAsAccurately) {
   };
   const json shorter = scan_exposed(station, exposure_of(0)).report,
              longer = scan_exposed(station, exposure_of(1)).report;
+  if (!shorter.is_null()) print_result("bands, the shorter exposure", shorter);
+  if (!longer.is_null()) print_result("bands, the longer exposure", longer);
   EXPECT_TRUE(shorter.is_null() || shorter["coverage"] < 0.75) << shorter;
   EXPECT_TRUE(longer.is_null() || longer["coverage"] < 0.9 || rms_mm(longer) > 1.2 * rms_mm(found)) << longer;
 }
