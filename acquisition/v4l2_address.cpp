@@ -12,10 +12,11 @@ namespace celadon {
 namespace {
 
 // The better one first.
-constexpr std::uint32_t kUsable[] = {V4L2_PIX_FMT_GREY,   V4L2_PIX_FMT_Y10,    V4L2_PIX_FMT_Y12,    V4L2_PIX_FMT_Y16,
-                                     V4L2_PIX_FMT_NV12,   V4L2_PIX_FMT_YUYV,   V4L2_PIX_FMT_UYVY,   V4L2_PIX_FMT_SBGGR8,
-                                     V4L2_PIX_FMT_SGBRG8, V4L2_PIX_FMT_SGRBG8, V4L2_PIX_FMT_SRGGB8, V4L2_PIX_FMT_MJPEG,
-                                     V4L2_PIX_FMT_JPEG};
+constexpr std::uint32_t kUsable[] = {
+    V4L2_PIX_FMT_GREY,   V4L2_PIX_FMT_Y10,    V4L2_PIX_FMT_Y12,     V4L2_PIX_FMT_Y16,
+    V4L2_PIX_FMT_NV12,   V4L2_PIX_FMT_NV12M,  V4L2_PIX_FMT_YUV420M, V4L2_PIX_FMT_YUYV,
+    V4L2_PIX_FMT_UYVY,   V4L2_PIX_FMT_NV16M,  V4L2_PIX_FMT_SBGGR8,  V4L2_PIX_FMT_SGBRG8,
+    V4L2_PIX_FMT_SGRBG8, V4L2_PIX_FMT_SRGGB8, V4L2_PIX_FMT_MJPEG,   V4L2_PIX_FMT_JPEG};
 
 }  // namespace
 

@@ -6,6 +6,7 @@
 #include <cctype>
 
 #include "acquisition/camera_fault.h"
+#include "acquisition/v4l2_fault.h"
 #include "acquisition/v4l2_ioctl.h"
 #include "acquisition/v4l2_text.h"
 
@@ -87,17 +88,10 @@ tl::expected<void, CameraError> V4l2Controls::set(const V4l2Control& control, st
   if (found == value) return {};
   v4l2_control wanted{.id = control.id, .value = static_cast<std::int32_t>(value)};
   if (const int code = v4l2_ioctl(fd_, VIDIOC_S_CTRL, &wanted); code != 0) {
-    const Kind kind = code == ENODEV   ? Kind::unplugged
-                      : code == EBUSY  ? Kind::busy
-                      : code == EACCES ? Kind::permission
-                                       : Kind::system;
-    return tl::unexpected(camera_fault(kind, device_, operation, code,
-                                       code == ENODEV ? "connect the camera and open it again"
-                                       : code == EACCES
-                                           ? "an automatic holds it or it can only be read: name the "
-                                             "automatic with 0 before it"
-                                           : "leave it as it is by giving the value that `celadon cameras` "
-                                             "shows"));
+    return tl::unexpected(
+        v4l2_fault(device_, operation, code,
+                   code == EACCES ? "an automatic holds it or it can only be read: name the automatic with 0 before it"
+                                  : "leave it as it is by giving the value that `celadon cameras` shows"));
   }
   if (found) found_.emplace_back(control.id, *found);
   if (const auto now = value_of(fd_, control.id); now != value) {

@@ -10,6 +10,7 @@
 
 #include "acquisition/file_descriptor.h"
 #include "acquisition/v4l2_address.h"
+#include "acquisition/v4l2_capture.h"
 #include "acquisition/v4l2_ioctl.h"
 #include "acquisition/v4l2_text.h"
 
@@ -65,11 +66,11 @@ std::vector<V4l2Size> sizes_of(int fd, std::uint32_t fourcc) {
   return sizes;
 }
 
-std::vector<V4l2Format> formats_of(int fd) {
+std::vector<V4l2Format> formats_of(int fd, v4l2_buf_type type) {
   std::vector<V4l2Format> formats;
   for (std::uint32_t i = 0; i < kMostFormats; ++i) {
     v4l2_fmtdesc format{};
-    format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    format.type = type;
     format.index = i;
     if (v4l2_ioctl(fd, VIDIOC_ENUM_FMT, &format) != 0) break;
     const std::uint32_t fourcc = format.pixelformat;
@@ -92,14 +93,13 @@ std::optional<V4l2Device> device_of(const std::string& path) {
   }
   v4l2_capability capability{};
   if (v4l2_ioctl(file.get(), VIDIOC_QUERYCAP, &capability) != 0) return std::nullopt;
-  const std::uint32_t can =
-      (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? capability.device_caps : capability.capabilities;
-  if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0) return std::nullopt;
+  const auto type = capture_type_of(capability);
+  if (!type) return std::nullopt;
   device.name = printable(capability.card, sizeof capability.card);
   device.driver = printable(capability.driver, sizeof capability.driver);
   device.bus = printable(capability.bus_info, sizeof capability.bus_info);
   device.serial = usb_serial_of(path);
-  device.formats = formats_of(file.get());
+  device.formats = formats_of(file.get(), *type);
   device.controls = list_v4l2_controls(file.get());
   return device;
 }

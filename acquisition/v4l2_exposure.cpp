@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "acquisition/camera_fault.h"
+#include "acquisition/v4l2_fault.h"
 #include "acquisition/v4l2_ioctl.h"
 
 namespace celadon {
@@ -43,14 +44,9 @@ std::int64_t V4l2Exposure::in_force_ns() const {
 tl::expected<std::int64_t, CameraError> V4l2Exposure::set(std::int64_t exposure_ns) {
   const std::string operation = "setting the exposure to " + std::to_string(exposure_ns) + " ns";
   const auto fail = [&](const char* control, int code) {
-    const Kind kind = code == ENODEV   ? Kind::unplugged
-                      : code == EBUSY  ? Kind::busy
-                      : code == EACCES ? Kind::permission
-                                       : Kind::system;
-    return tl::unexpected(camera_fault(kind, device_, operation + " by its control " + control, code,
-                                       code == ENODEV ? "connect the camera and open it again"
-                                                      : "the camera itself works: try another exposure, or set this "
-                                                        "control by v4l2-ctl to see whether it can be set"));
+    return tl::unexpected(v4l2_fault(device_, operation + " by its control " + control, code,
+                                     "the camera itself works: try another exposure, or set this control by v4l2-ctl "
+                                     "to see whether it can be set"));
   };
   v4l2_queryctrl range{};
   range.id = V4L2_CID_EXPOSURE_ABSOLUTE;

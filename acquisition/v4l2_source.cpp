@@ -1,25 +1,24 @@
-// A V4L2 capture device by memory-mapped streaming, or into memory of ours where a driver maps none; frames are leases
-// on the driver's own buffers, or, of formats that have to be decoded, on as many grey pictures.
+// A V4L2 capture device: frames are leases on the driver's own buffers, or, of formats that have to be decoded, on as
+// many grey pictures.
 #include <fcntl.h>
-#include <linux/videodev2.h>
-#include <poll.h>
-#include <sys/mman.h>
 
 #include <algorithm>
 #include <optional>
 #include <vector>
 
 #include "acquisition/camera_fault.h"
-#include "acquisition/device_holder.h"
 #include "acquisition/file_descriptor.h"
 #include "acquisition/frame_sources.h"
 #include "acquisition/lease_book.h"
 #include "acquisition/monotonic_clock.h"
 #include "acquisition/picture_decoder.h"
 #include "acquisition/v4l2_address.h"
+#include "acquisition/v4l2_capture.h"
 #include "acquisition/v4l2_controls.h"
 #include "acquisition/v4l2_exposure.h"
+#include "acquisition/v4l2_fault.h"
 #include "acquisition/v4l2_ioctl.h"
+#include "acquisition/v4l2_queue.h"
 #include "acquisition/v4l2_text.h"
 
 namespace celadon {
@@ -27,23 +26,20 @@ namespace {
 
 using Kind = CameraError::Kind;
 
-/// Enough that a frame or two can be held back until the table's angle is known while the driver fills others.
-constexpr std::uint32_t kBuffers = 8;
-constexpr std::uint32_t kFewestBuffers = 2;
 constexpr std::int64_t kExposureSettles_ns = 200'000'000, kExposureFrames = 4;
-constexpr const char* kConnectAgain = "connect the camera and open it again";
 
 /// Luma from 16 to 235, as the driver says or, if it does not, as V4L2 has it for YUV.
-bool limited_range(const v4l2_pix_format& pixels) {
-  const auto told = static_cast<v4l2_quantization>(pixels.quantization);
+bool limited_range(const V4l2Picture& picture) {
+  const auto told = static_cast<v4l2_quantization>(picture.quantization);
   return told == V4L2_QUANTIZATION_LIM_RANGE ||
-         (told == V4L2_QUANTIZATION_DEFAULT && pixels.colorspace != V4L2_COLORSPACE_JPEG);
+         (told == V4L2_QUANTIZATION_DEFAULT && picture.colorspace != V4L2_COLORSPACE_JPEG);
 }
 
-/// What to do about a camera that is in use.
-std::string close_other(const std::string& path) {
-  const std::string holders = holders_of(path);
-  return holders.empty() ? "another program uses the camera: close it" : "close what uses the camera: " + holders;
+/// Formats with a luma, be it packed or a plane of the picture.
+bool has_luma(std::uint32_t fourcc) {
+  constexpr std::uint32_t kLuma[] = {V4L2_PIX_FMT_YUYV,  V4L2_PIX_FMT_UYVY,    V4L2_PIX_FMT_NV12,
+                                     V4L2_PIX_FMT_NV12M, V4L2_PIX_FMT_YUV420M, V4L2_PIX_FMT_NV16M};
+  return std::find(std::begin(kLuma), std::end(kLuma), fourcc) != std::end(kLuma);
 }
 
 class V4l2Source final : public FrameSource, public FrameReturn {
@@ -84,39 +80,18 @@ class V4l2Source final : public FrameSource, public FrameReturn {
     leases_.take_back(index);
     if (decoder_ != nullptr) return;  // the driver has its buffer already
     // A device that is gone takes nothing back; the next frame says so.
-    static_cast<void>(queue(index));
+    static_cast<void>(queue_->give(index));
   }
 
  private:
-  struct Buffer {
-    void* address;
-    std::size_t size;
-  };
-
   /// Cameras take a new exposure some frames later, and no driver says with which frame.
   void take_exposure(std::int64_t in_force_ns) {
     if (in_force_ns == mode_.exposure_ns) return;
     mode_.exposure_ns = in_force_ns;
     exposure_sure_from_ns_ = monotonic_ns() + std::max(kExposureSettles_ns, kExposureFrames * mode_.frame_period_ns);
   }
-  int queue(std::uint32_t index) {
-    v4l2_buffer buffer{};
-    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    buffer.memory = memory_;
-    buffer.index = index;
-    if (memory_ == V4L2_MEMORY_USERPTR) {
-      buffer.m.userptr = reinterpret_cast<unsigned long>(buffers_[index].address);
-      buffer.length = static_cast<std::uint32_t>(buffers_[index].size);
-    }
-    return v4l2_ioctl(file_.get(), VIDIOC_QBUF, &buffer);
-  }
   tl::unexpected<CameraError> fault(const std::string& operation, int code, const std::string& remedy) const {
-    const Kind kind = code == ENODEV                     ? Kind::unplugged
-                      : code == EBUSY                    ? Kind::busy
-                      : code == EACCES                   ? Kind::permission
-                      : code == EINVAL || code == ENOTTY ? Kind::unsupported
-                                                         : Kind::system;
-    return tl::unexpected(camera_fault(kind, device_, operation, code, code == ENODEV ? kConnectAgain : remedy));
+    return tl::unexpected(v4l2_fault(device_, operation, code, remedy));
   }
   tl::unexpected<CameraError> unsupported(const std::string& operation, const std::string& cause,
                                           const std::string& remedy) const {
@@ -124,10 +99,8 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   }
   tl::expected<std::uint32_t, CameraError> choose_format(const V4l2Address& address) const;
   tl::expected<void, CameraError> set_format(const V4l2Address& address, std::uint32_t fourcc);
-  int request_buffers(v4l2_memory memory, std::uint32_t& count);
-  tl::expected<void, CameraError> get_buffers();
-  tl::expected<Frame, CameraError> lend(const v4l2_buffer& buffer);
-  tl::expected<Frame, CameraError> lend_decoded(const v4l2_buffer& buffer, FrameInfo info);
+  tl::expected<Frame, CameraError> lend(const FilledBuffer& buffer);
+  tl::expected<Frame, CameraError> lend_decoded(const FilledBuffer& buffer, FrameInfo info);
   std::string size_text(std::uint32_t width, std::uint32_t height) const {
     return std::to_string(width) + " x " + std::to_string(height) + " px";
   }
@@ -137,14 +110,14 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   V4l2Exposure exposure_;
   V4l2Controls controls_;
   CameraMode mode_;
-  std::size_t image_bytes_ = 0;  ///< of the driver's image at most
-  v4l2_memory memory_ = V4L2_MEMORY_MMAP;
-  std::size_t least_bytes_ = 0;  ///< of a whole frame in the driver's buffer
-  std::vector<Buffer> buffers_;
+  v4l2_buf_type type_ = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  std::vector<std::uint32_t> plane_bytes_;          ///< of the driver's picture at most
+  std::size_t least_bytes_ = 0;                     ///< of a whole frame in the first plane of the driver's buffer
+  std::unique_ptr<V4l2Queue> queue_;                ///< while it streams
   std::unique_ptr<PictureDecoder> decoder_;         ///< nullptr: frames are used in place
   std::vector<std::vector<std::uint8_t>> decoded_;  ///< as many as buffers
   LeaseBook leases_;
-  bool streaming_ = false, requested_ = false, has_sequence_ = false;
+  bool has_sequence_ = false;
   std::uint64_t last_sequence_ = 0;
   std::int64_t exposure_sure_from_ns_ = INT64_MIN;  ///< stamps of frames that have mode_.exposure_ns
 };
@@ -154,12 +127,12 @@ tl::expected<void, CameraError> V4l2Source::configure(const V4l2Address& address
   if (const int code = v4l2_ioctl(file_.get(), VIDIOC_QUERYCAP, &capability); code != 0) {
     return fault("asking what it is", code, "this is no video device: give a camera's /dev/videoN");
   }
-  const std::uint32_t can =
-      (capability.capabilities & V4L2_CAP_DEVICE_CAPS) != 0 ? capability.device_caps : capability.capabilities;
-  if ((can & V4L2_CAP_VIDEO_CAPTURE) == 0 || (can & V4L2_CAP_STREAMING) == 0) {
-    return unsupported("opening", "it does not stream single-planar video (capabilities " + std::to_string(can) + ")",
+  const auto type = capture_type_of(capability);
+  if (!type || !can_stream(capability)) {
+    return unsupported("opening", type ? "it does not stream" : "it captures no video",
                        "give the capture node of the camera, often the lower /dev/videoN of two");
   }
+  type_ = *type;
   const auto fourcc = choose_format(address);
   if (!fourcc) return tl::unexpected(fourcc.error());
   if (auto set = set_format(address, *fourcc); !set) return set;
@@ -167,7 +140,7 @@ tl::expected<void, CameraError> V4l2Source::configure(const V4l2Address& address
 
   // A rate that another program left behind would stay; drivers take the nearest they have, which is the fastest.
   v4l2_streamparm parameters{};
-  parameters.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+  parameters.type = type_;
   v4l2_fract& period = parameters.parm.capture.timeperframe;
   period = {.numerator = 1, .denominator = 1000};
   const bool told = v4l2_ioctl(file_.get(), VIDIOC_S_PARM, &parameters) == 0 ||
@@ -189,7 +162,7 @@ tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const V4l2Add
   std::string offered;
   for (std::uint32_t i = 0; i < 256; ++i) {
     v4l2_fmtdesc format{};
-    format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
+    format.type = type_;
     format.index = i;
     const int code = v4l2_ioctl(file_.get(), VIDIOC_ENUM_FMT, &format);
     if (code == EINVAL) break;
@@ -207,203 +180,98 @@ tl::expected<std::uint32_t, CameraError> V4l2Source::choose_format(const V4l2Add
 }
 
 tl::expected<void, CameraError> V4l2Source::set_format(const V4l2Address& address, std::uint32_t fourcc) {
-  v4l2_format format{};
-  format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  if (const int code = v4l2_ioctl(file_.get(), VIDIOC_G_FMT, &format); code != 0) {
+  V4l2Picture picture;
+  if (const int code = read_picture(file_.get(), type_, picture); code != 0) {
     return fault("reading its format", code, "try another camera");
   }
-  v4l2_pix_format& pixels = format.fmt.pix;
-  pixels.width = address.width.value_or(pixels.width);
-  pixels.height = address.height.value_or(pixels.height);
-  pixels.pixelformat = fourcc;
-  pixels.field = V4L2_FIELD_NONE;
-  // A stride left over from another format would be kept by some drivers.
-  pixels.bytesperline = 0;
-  pixels.sizeimage = 0;
-  const std::string wanted = size_text(pixels.width, pixels.height) + " " + fourcc_text(fourcc);
-  if (const int code = v4l2_ioctl(file_.get(), VIDIOC_S_FMT, &format); code != 0) {
-    return fault("setting the format " + wanted, code,
-                 code == EBUSY ? close_other(address.path) : "use a size that `celadon cameras` lists");
+  picture.width_px = address.width.value_or(picture.width_px);
+  picture.height_px = address.height.value_or(picture.height_px);
+  picture.fourcc = fourcc;
+  const std::string operation =
+      "setting the format " + size_text(picture.width_px, picture.height_px) + " " + fourcc_text(fourcc);
+  if (const int code = set_picture(file_.get(), type_, picture); code != 0) {
+    return fault(operation, code,
+                 code == EBUSY ? close_other_user_of(path_) : "use a size that `celadon cameras` lists");
   }
-  if (pixels.pixelformat != fourcc || (address.width && pixels.width != *address.width) ||
-      (address.height && pixels.height != *address.height)) {
-    return unsupported("setting the format " + wanted,
-                       "the camera offers " + size_text(pixels.width, pixels.height) + " " +
-                           fourcc_text(pixels.pixelformat) + " instead",
+  if (picture.fourcc != fourcc || (address.width && picture.width_px != *address.width) ||
+      (address.height && picture.height_px != *address.height)) {
+    return unsupported(operation,
+                       "the camera offers " + size_text(picture.width_px, picture.height_px) + " " +
+                           fourcc_text(picture.fourcc) + " instead",
                        "use a size that `celadon cameras` lists");
   }
-  if (pixels.field != V4L2_FIELD_NONE) {
-    return unsupported("setting the format " + wanted, "the camera delivers interlaced fields",
-                       "choose a progressive input of the camera");
+  if (picture.field != V4L2_FIELD_NONE) {
+    return unsupported(operation, "the camera delivers interlaced fields", "choose a progressive input of the camera");
   }
-  const bool yuyv = fourcc == V4L2_PIX_FMT_YUYV;
-  const bool packed = yuyv || fourcc == V4L2_PIX_FMT_UYVY;
-  mode_.format = yuyv ? PixelFormat::yuyv : PixelFormat::grey8;
-  const auto stride_bytes = std::max<std::size_t>(pixels.bytesperline, pixels.width * bytes_per_pixel(mode_.format));
-  mode_.saturated_level = (packed || fourcc == V4L2_PIX_FMT_NV12) && limited_range(pixels) ? 235 : 250;
-  decoder_ = PictureDecoder::of(fourcc, static_cast<int>(pixels.width), static_cast<int>(pixels.height), stride_bytes);
-  mode_.stride_bytes = decoder_ ? pixels.width : stride_bytes;
-  least_bytes_ = decoder_ ? decoder_->least_bytes() : stride_bytes * pixels.height;
-  if (pixels.width < 8 || pixels.width > 65535 || pixels.height < 2 || pixels.height > 65535 ||
-      least_bytes_ > pixels.sizeimage) {
+  const std::size_t width = picture.width_px, height = picture.height_px;
+  // The first plane has all that is read: the whole picture, or the luma of those in several.
+  const V4l2Picture::Plane plane = picture.planes.empty() ? V4l2Picture::Plane{} : picture.planes.front();
+  mode_.format = fourcc == V4L2_PIX_FMT_YUYV ? PixelFormat::yuyv : PixelFormat::grey8;
+  const auto stride_bytes = std::max<std::size_t>(plane.stride_bytes, width * bytes_per_pixel(mode_.format));
+  mode_.saturated_level = has_luma(fourcc) && limited_range(picture) ? 235 : 250;
+  mode_.width_px = static_cast<int>(width);
+  mode_.height_px = static_cast<int>(height);
+  decoder_ = PictureDecoder::of(fourcc, mode_.width_px, mode_.height_px, stride_bytes);
+  mode_.stride_bytes = decoder_ ? width : stride_bytes;
+  least_bytes_ = decoder_ ? decoder_->least_bytes() : stride_bytes * height;
+  if (width < 8 || width > 65535 || height < 2 || height > 65535 || least_bytes_ > plane.bytes) {
     return tl::unexpected(
-        camera_fault(Kind::protocol, device_, "setting the format " + wanted,
-                     "the driver's image of " + std::to_string(pixels.sizeimage) + " bytes is smaller than its rows",
+        camera_fault(Kind::protocol, device_, operation,
+                     "the driver's image of " + std::to_string(plane.bytes) + " bytes is smaller than its rows",
                      "this is a fault of the driver: use another format"));
   }
-  image_bytes_ = pixels.sizeimage;
-  mode_.width_px = static_cast<int>(pixels.width);
-  mode_.height_px = static_cast<int>(pixels.height);
-  return {};
-}
-
-int V4l2Source::request_buffers(v4l2_memory memory, std::uint32_t& count) {
-  v4l2_requestbuffers request{};
-  request.count = count;
-  request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  request.memory = memory;
-  const int code = v4l2_ioctl(file_.get(), VIDIOC_REQBUFS, &request);
-  count = request.count;
-  return code;
-}
-
-tl::expected<void, CameraError> V4l2Source::get_buffers() {
-  const char* operation = "getting frame buffers";
-  std::uint32_t count = kBuffers;
-  memory_ = V4L2_MEMORY_MMAP;
-  int code = request_buffers(memory_, count);
-  if (code == EINVAL) {
-    memory_ = V4L2_MEMORY_USERPTR;
-    count = kBuffers;
-    code = request_buffers(memory_, count);
-  }
-  if (code != 0) {
-    return fault(operation, code, code == EBUSY ? close_other(path_) : "free some memory or use a smaller size");
-  }
-  requested_ = true;
-  if (count < kFewestBuffers) {
-    return unsupported(operation, "the driver gave " + std::to_string(count) + " and streaming needs 2",
-                       "free some memory or use a smaller size");
-  }
-  for (std::uint32_t i = 0; i < count; ++i) {
-    v4l2_buffer buffer{};
-    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    buffer.memory = memory_;
-    buffer.index = i;
-    if (code = v4l2_ioctl(file_.get(), VIDIOC_QUERYBUF, &buffer); code != 0) {
-      return fault(operation, code, "try another camera");
-    }
-    const bool mapped = memory_ == V4L2_MEMORY_MMAP;
-    const std::size_t size = mapped ? buffer.length : image_bytes_;
-    if (size < least_bytes_) {
-      return unsupported(operation,
-                         "a buffer has " + std::to_string(size) + " bytes and a frame " + std::to_string(least_bytes_),
-                         "this is a fault of the driver: use another format");
-    }
-    void* address = mapped
-                        ? ::mmap(nullptr, size, PROT_READ, MAP_SHARED, file_.get(), static_cast<off_t>(buffer.m.offset))
-                        : ::mmap(nullptr, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    if (address == MAP_FAILED) return fault("mapping frame buffers", errno, "free some memory");
-    buffers_.push_back({address, size});
-    if ((buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_COPY) {
-      return unsupported("streaming", "the driver does not stamp frames", "use another camera or driver");
-    }
-    mode_.stamp_point = (buffer.flags & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE
-                            ? StampPoint::start_of_exposure
-                            : StampPoint::end_of_frame;
-  }
-  leases_.resize(buffers_.size());
-  if (decoder_ != nullptr) {
-    const std::size_t bytes = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
-    decoded_.assign(buffers_.size(), std::vector<std::uint8_t>(bytes));
-  }
+  plane_bytes_.clear();
+  for (const V4l2Picture::Plane& each : picture.planes) plane_bytes_.push_back(each.bytes);
   return {};
 }
 
 tl::expected<void, CameraError> V4l2Source::start() {
-  if (streaming_) return {};
-  if (auto got = get_buffers(); !got) {
-    stop();
-    return got;
+  if (queue_) return {};
+  auto queue = V4l2Queue::open({file_.get(), type_, path_, device_}, plane_bytes_, least_bytes_);
+  if (!queue) return tl::unexpected(std::move(queue.error()));
+  if (((*queue)->flags() & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_COPY) {
+    return unsupported("streaming", "the driver does not stamp frames", "use another camera or driver");
   }
-  int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  int code = 0;
-  for (std::uint32_t i = 0; i < buffers_.size() && code == 0; ++i) code = queue(i);
-  if (code == 0) code = v4l2_ioctl(file_.get(), VIDIOC_STREAMON, &type);
-  if (code != 0) {
-    auto error = fault("starting the stream", code,
-                       code == ENOSPC  ? "the USB bus has no room for this format: use a smaller size or another port"
-                       : code == EBUSY ? close_other(path_)
-                                       : "unplug the camera and connect it again");
-    stop();
-    return error;
+  mode_.stamp_point = ((*queue)->flags() & V4L2_BUF_FLAG_TSTAMP_SRC_MASK) == V4L2_BUF_FLAG_TSTAMP_SRC_SOE
+                          ? StampPoint::start_of_exposure
+                          : StampPoint::end_of_frame;
+  leases_.resize((*queue)->size());
+  if (decoder_ != nullptr) {
+    const std::size_t bytes = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
+    decoded_.assign((*queue)->size(), std::vector<std::uint8_t>(bytes));
   }
-  streaming_ = true;
+  if (auto started = (*queue)->start(); !started) return started;
+  queue_ = std::move(*queue);
   has_sequence_ = false;
   return {};
 }
 
 void V4l2Source::stop() noexcept {
   leases_.require_none("the camera was stopped");
-  // Every step is tried: a device that is gone fails them all, and the memory is unmapped all the same.
-  int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  if (std::exchange(streaming_, false)) v4l2_ioctl(file_.get(), VIDIOC_STREAMOFF, &type);
-  for (const Buffer& buffer : buffers_) ::munmap(buffer.address, buffer.size);
-  buffers_.clear();
-  if (std::exchange(requested_, false)) {
-    std::uint32_t none = 0;
-    request_buffers(memory_, none);
-  }
+  queue_.reset();
 }
 
 tl::expected<Frame, CameraError> V4l2Source::next(std::int64_t timeout_ns) {
   const char* operation = "waiting for a frame";
-  if (!streaming_) return unsupported(operation, "the stream is not started", "call start() before next()");
-  if (leases_.count() == buffers_.size()) {
+  if (!queue_) return unsupported(operation, "the stream is not started", "call start() before next()");
+  if (leases_.count() == queue_->size()) {
     return tl::unexpected(camera_fault(Kind::busy, device_, operation,
-                                       "all " + std::to_string(buffers_.size()) + " buffers are lent",
+                                       "all " + std::to_string(queue_->size()) + " buffers are lent",
                                        "destroy frames before asking for more", EBUSY));
   }
-  const std::int64_t deadline = monotonic_ns() + std::max<std::int64_t>(timeout_ns, 0);
-  for (;;) {
-    v4l2_buffer buffer{};
-    buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-    buffer.memory = memory_;
-    const int code = v4l2_ioctl(file_.get(), VIDIOC_DQBUF, &buffer);
-    if (code == 0) return lend(buffer);
-    if (code != EAGAIN) return fault(operation, code, "stop and start the camera; if it stays so, connect it again");
-    const std::int64_t left = deadline - monotonic_ns();
-    if (left <= 0) {
-      return tl::unexpected(camera_fault(
-          Kind::timed_out, device_, operation, "no frame came within " + std::to_string(timeout_ns / 1'000'000) + " ms",
-          "the stream has stalled: check the cable and the bus, then stop and start the camera", ETIMEDOUT));
-    }
-    // The queue's state is read again after every wait: an error or a hang-up shows in its answer, with its errno.
-    const timespec wait{left / 1'000'000'000, left % 1'000'000'000};
-    pollfd poll{.fd = file_.get(), .events = POLLIN, .revents = 0};
-    if (::ppoll(&poll, 1, &wait, nullptr) < 0 && errno != EINTR)
-      return fault(operation, errno, "open the camera again");
-    if ((poll.revents & (POLLERR | POLLHUP | POLLNVAL)) != 0) {
-      v4l2_buffer last{};
-      last.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-      last.memory = memory_;
-      const int cause = v4l2_ioctl(file_.get(), VIDIOC_DQBUF, &last);
-      if (cause == 0) return lend(last);
-      // A queue in error that has nothing to say would make this loop spin.
-      return fault(operation, cause == EAGAIN ? EIO : cause,
-                   "stop and start the camera; if it stays so, connect it again");
-    }
-  }
+  const auto buffer = queue_->next(timeout_ns);
+  if (!buffer) return tl::unexpected(buffer.error());
+  return lend(*buffer);
 }
 
-tl::expected<Frame, CameraError> V4l2Source::lend(const v4l2_buffer& buffer) {
-  if (buffer.index >= buffers_.size() || (decoder_ == nullptr && leases_.is_lent(buffer.index))) {
+tl::expected<Frame, CameraError> V4l2Source::lend(const FilledBuffer& buffer) {
+  if (decoder_ == nullptr && leases_.is_lent(buffer.index)) {
     return tl::unexpected(camera_fault(Kind::protocol, device_, "waiting for a frame",
-                                       "the driver named buffer " + std::to_string(buffer.index),
+                                       "the driver named buffer " + std::to_string(buffer.index) + ", which is lent",
                                        "open the camera again"));
   }
   if ((buffer.flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) != V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC) {
-    static_cast<void>(queue(buffer.index));
+    static_cast<void>(queue_->give(buffer.index));
     return unsupported(
         "matching frames to angles",
         "the driver's time stamps are not of CLOCK_MONOTONIC (flags " + std::to_string(buffer.flags) + ")",
@@ -414,28 +282,23 @@ tl::expected<Frame, CameraError> V4l2Source::lend(const v4l2_buffer& buffer) {
   const std::uint32_t step = buffer.sequence - static_cast<std::uint32_t>(last_sequence_);
   info.sequence = has_sequence_ ? last_sequence_ + step : buffer.sequence;
   info.lost_before = has_sequence_ && step > 0 ? step - 1 : 0;
-  info.stamp_ns = std::int64_t{buffer.timestamp.tv_sec} * 1'000'000'000 + std::int64_t{buffer.timestamp.tv_usec} * 1000;
+  info.stamp_ns = buffer.stamp_ns;
   info.exposure_ns = mode_.exposure_ns;
   info.exposure_sure = info.stamp_ns >= exposure_sure_from_ns_;
-  info.corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.bytesused < least_bytes_;
+  info.corrupt = (buffer.flags & V4L2_BUF_FLAG_ERROR) != 0 || buffer.used_bytes < least_bytes_;
   last_sequence_ = info.sequence;
   has_sequence_ = true;
   if (decoder_ != nullptr) return lend_decoded(buffer, info);
   leases_.lend(buffer.index);
-  return Frame(this, buffer.index, {static_cast<const std::uint8_t*>(buffers_[buffer.index].address), least_bytes_},
-               info);
+  return Frame(this, buffer.index, buffer.memory.first(least_bytes_), info);
 }
 
-tl::expected<Frame, CameraError> V4l2Source::lend_decoded(const v4l2_buffer& buffer, FrameInfo info) {
+tl::expected<Frame, CameraError> V4l2Source::lend_decoded(const FilledBuffer& buffer, FrameInfo info) {
   std::uint32_t slot = 0;
   while (leases_.is_lent(slot)) ++slot;  // next() saw that one is free
   std::vector<std::uint8_t>& grey = decoded_[slot];
-  const Buffer& from = buffers_[buffer.index];
-  const std::size_t used = std::min<std::size_t>(buffer.bytesused, from.size);
-  if (!info.corrupt && !decoder_->decode({static_cast<const std::uint8_t*>(from.address), used}, grey)) {
-    info.corrupt = true;
-  }
-  static_cast<void>(queue(buffer.index));
+  if (!info.corrupt && !decoder_->decode(buffer.memory.first(buffer.used_bytes), grey)) info.corrupt = true;
+  static_cast<void>(queue_->give(buffer.index));
   leases_.lend(slot);
   return Frame(this, slot, grey, info);
 }
@@ -457,12 +320,12 @@ tl::expected<std::unique_ptr<FrameSource>, CameraError> open_v4l2_source(const s
         return fault(Kind::not_found, "connect the camera; `celadon cameras` lists those that are there");
       case ENODEV:
       case ENXIO:
-        return fault(Kind::unplugged, kConnectAgain);
+        return fault(Kind::unplugged, kConnectCameraAgain);
       case EACCES:
       case EPERM:
         return fault(Kind::permission, "add the user of this program to the group video and log in again");
       case EBUSY:
-        return fault(Kind::busy, close_other(address->path));
+        return fault(Kind::busy, close_other_user_of(address->path));
       default:
         return fault(Kind::system, "check the address of the camera");
     }

@@ -1,26 +1,16 @@
-// V4L2Source's exposure against a camera behind an ioctl() of our own: controls as uvcvideo has them (time in 100 us,
-// refused while the automatic is on), streaming from a file. Everything from open() to close() is the real source.
+// V4L2Source's exposure and controls against a camera behind an ioctl() of our own. Everything from open() to close()
+// is the real source.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <linux/videodev2.h>
-#include <sys/ioctl.h>
-#include <sys/stat.h>
-#include <sys/syscall.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
-#include <cstdarg>
-#include <cstdio>
-#include <cstring>
 #include <map>
-#include <memory>
-#include <set>
 #include <string>
 #include <vector>
 
-#include "acquisition/frame.h"
 #include "acquisition/monotonic_clock.h"
+#include "tests/acquisition/fake_v4l2_camera.h"
 
 namespace celadon {
 namespace {
@@ -29,177 +19,6 @@ using testing::HasSubstr;
 using Kind = CameraError::Kind;
 
 constexpr std::uint32_t kTime = V4L2_CID_EXPOSURE_ABSOLUTE, kAuto = V4L2_CID_EXPOSURE_AUTO;
-constexpr std::uint32_t kWidth = 64, kHeight = 64, kFrameBytes = kWidth * kHeight;
-
-/// A camera with a file for its buffers; one at a time.
-class FakeCamera {
- public:
-  FakeCamera() : name_("/tmp/celadon-camera-XXXXXX") {
-    fd_ = ::mkstemp(name_.data());
-    EXPECT_EQ(::ftruncate(fd_, 8 * kFrameBytes), 0);
-    present = this;
-  }
-  ~FakeCamera() {
-    present = nullptr;
-    ::close(fd_);
-    ::unlink(name_.c_str());
-  }
-  FakeCamera(const FakeCamera&) = delete;
-  FakeCamera& operator=(const FakeCamera&) = delete;
-
-  std::string address() const { return "v4l2:" + name_; }
-  std::unique_ptr<FrameSource> open(const std::string& options = "") const {
-    auto source = open_frame_source(address() + options);
-    EXPECT_TRUE(source) << source.error().message;
-    return source ? std::move(*source) : nullptr;
-  }
-
-  bool is(int fd) const {
-    struct stat mine {
-    }, theirs{};
-    return ::fstat(fd_, &mine) == 0 && ::fstat(fd, &theirs) == 0 && mine.st_ino == theirs.st_ino &&
-           mine.st_dev == theirs.st_dev;
-  }
-
-  /// @returns 0 or an errno
-  int answer(unsigned long request, void* argument) {
-    if (unplugged) return ENODEV;
-    if (failing.contains(request)) return EIO;
-    switch (request) {
-      case VIDIOC_QUERYCAP: {
-        auto& capability = *static_cast<v4l2_capability*>(argument);
-        capability.capabilities = V4L2_CAP_VIDEO_CAPTURE | V4L2_CAP_STREAMING;
-        std::snprintf(reinterpret_cast<char*>(capability.card), sizeof capability.card, "Fake");
-        return 0;
-      }
-      case VIDIOC_ENUM_FMT: {
-        auto& format = *static_cast<v4l2_fmtdesc*>(argument);
-        if (format.index != 0) return EINVAL;
-        format.pixelformat = V4L2_PIX_FMT_GREY;
-        return 0;
-      }
-      case VIDIOC_G_FMT:
-      case VIDIOC_S_FMT: {
-        v4l2_pix_format& pixels = static_cast<v4l2_format*>(argument)->fmt.pix;
-        pixels = {};
-        pixels.width = kWidth;
-        pixels.height = kHeight;
-        pixels.pixelformat = V4L2_PIX_FMT_GREY;
-        pixels.field = V4L2_FIELD_NONE;
-        pixels.bytesperline = kWidth;
-        pixels.sizeimage = kFrameBytes;
-        return 0;
-      }
-      case VIDIOC_S_PARM:
-        return 0;
-      case VIDIOC_QUERYBUF: {
-        auto& buffer = *static_cast<v4l2_buffer*>(argument);
-        buffer.length = kFrameBytes;
-        buffer.m.offset = buffer.index * kFrameBytes;
-        buffer.flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
-        return 0;
-      }
-      case VIDIOC_QBUF: {
-        const auto& buffer = *static_cast<v4l2_buffer*>(argument);
-        if (maps_nothing && (buffer.memory != V4L2_MEMORY_USERPTR || buffer.length < kFrameBytes)) return EINVAL;
-        places[buffer.index] = buffer.m.userptr;
-        queued_.push_back(buffer.index);
-        return 0;
-      }
-      case VIDIOC_DQBUF: {
-        if (queued_.empty()) return EAGAIN;
-        auto& buffer = *static_cast<v4l2_buffer*>(argument);
-        buffer.index = queued_.front();
-        queued_.erase(queued_.begin());
-        buffer.sequence = sequence_++;
-        buffer.bytesused = kFrameBytes;
-        buffer.timestamp = {.tv_sec = stamp_ns / 1'000'000'000, .tv_usec = stamp_ns % 1'000'000'000 / 1000};
-        if (maps_nothing) {
-          std::memset(reinterpret_cast<void*>(places[buffer.index]), static_cast<int>(buffer.sequence), kFrameBytes);
-        }
-        buffer.flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
-        return 0;
-      }
-      case VIDIOC_STREAMON:
-        return 0;
-      case VIDIOC_REQBUFS:
-        if (maps_nothing && static_cast<v4l2_requestbuffers*>(argument)->memory != V4L2_MEMORY_USERPTR) return EINVAL;
-        queued_.clear();
-        return 0;
-      case VIDIOC_STREAMOFF:
-        queued_.clear();
-        return 0;
-      case VIDIOC_QUERYCTRL: {
-        auto& query = *static_cast<v4l2_queryctrl*>(argument);
-        if (!controls.contains(query.id)) return EINVAL;
-        query.minimum = 3;
-        query.maximum = 2047;
-        return 0;
-      }
-      case VIDIOC_QUERY_EXT_CTRL: {
-        auto& query = *static_cast<v4l2_query_ext_ctrl*>(argument);
-        const auto next = controls.upper_bound(query.id & ~V4L2_CTRL_FLAG_NEXT_CTRL);
-        if (next == controls.end()) return EINVAL;
-        query = {};
-        query.id = next->first;
-        query.type = V4L2_CTRL_TYPE_INTEGER;
-        query.maximum = 2047;
-        std::snprintf(query.name, sizeof query.name, "%s",
-                      names.contains(next->first) ? names.at(next->first) : "Other");
-        return 0;
-      }
-      case VIDIOC_G_CTRL: {
-        auto& control = *static_cast<v4l2_control*>(argument);
-        if (!controls.contains(control.id)) return EINVAL;
-        if (unreadable == control.id) return EIO;
-        control.value = controls.at(control.id);
-        return 0;
-      }
-      case VIDIOC_S_CTRL: {
-        const auto& control = *static_cast<v4l2_control*>(argument);
-        if (!controls.contains(control.id)) return EINVAL;
-        order.push_back(control.id);
-        if (control.id == kTime && is_automatic()) return EACCES;
-        if (control.id == kTime && (control.value < 3 || control.value > 2047)) return ERANGE;
-        if (unwritable == control.id) return EIO;
-        controls.at(control.id) = control.value - control.value % step;
-        return 0;
-      }
-      default:
-        return ENOTTY;
-    }
-  }
-  bool is_automatic() const {
-    const auto mode = controls.find(kAuto);
-    return mode != controls.end() &&
-           (mode->second == V4L2_EXPOSURE_AUTO || mode->second == V4L2_EXPOSURE_APERTURE_PRIORITY);
-  }
-
-  static FakeCamera* present;
-  std::map<std::uint32_t, std::int32_t> controls = {{kAuto, V4L2_EXPOSURE_APERTURE_PRIORITY}, {kTime, 156}};
-  std::map<std::uint32_t, const char*> names = {{V4L2_CID_GAIN, "Gain"},
-                                                {V4L2_CID_AUTO_WHITE_BALANCE, "White Balance, Automatic"},
-                                                {V4L2_CID_WHITE_BALANCE_TEMPERATURE, "White Balance Temperature"},
-                                                {V4L2_CID_FOCUS_AUTO, "Focus, Automatic Continuous"},
-                                                {V4L2_CID_FOCUS_ABSOLUTE, "Focus, Absolute"},
-                                                {V4L2_CID_POWER_LINE_FREQUENCY, "Power Line Frequency"}};
-  std::vector<std::uint32_t> order;  ///< of the controls that were set, or tried to
-  std::set<unsigned long> failing;   ///< requests
-  std::uint32_t unreadable = 0, unwritable = 0;
-  std::int32_t step = 1;  ///< values are rounded down to it
-  bool unplugged = false;
-  std::int64_t stamp_ns = 0;  ///< of the frames to come
-  bool maps_nothing = false;  ///< frames only into memory of the program's
-  std::map<std::uint32_t, unsigned long> places;
-
- private:
-  std::string name_;
-  int fd_ = -1;
-  std::vector<std::uint32_t> queued_;
-  std::uint32_t sequence_ = 0;
-};
-
-FakeCamera* FakeCamera::present = nullptr;
 
 using Controls = std::map<std::uint32_t, std::int32_t>;
 const Controls kFound = {{kAuto, V4L2_EXPOSURE_APERTURE_PRIORITY}, {kTime, 156}};
@@ -357,21 +176,6 @@ TEST(V4l2Exposure, of_a_camera_that_is_unplugged_is_told_and_harmless) {
   EXPECT_THAT(set.error().message, HasSubstr("connect the camera"));
 }
 
-TEST(V4l2Source, streams_into_memory_of_its_own_where_the_driver_maps_none) {
-  FakeCamera camera;
-  camera.maps_nothing = true;
-  auto source = camera.open();
-  ASSERT_TRUE(source->start());
-  for (int i = 0; i < 20; ++i) {
-    const auto frame = source->next(0);
-    ASSERT_TRUE(frame) << frame.error().message;
-    EXPECT_EQ(frame->bytes().size(), kFrameBytes);
-    EXPECT_EQ(std::count(frame->bytes().begin(), frame->bytes().end(), i), kFrameBytes);
-  }
-  source->stop();
-  ASSERT_TRUE(source->start());
-}
-
 constexpr std::uint32_t kGain = V4L2_CID_GAIN, kWhite = V4L2_CID_AUTO_WHITE_BALANCE,
                         kWarmth = V4L2_CID_WHITE_BALANCE_TEMPERATURE, kFocusing = V4L2_CID_FOCUS_AUTO,
                         kFocus = V4L2_CID_FOCUS_ABSOLUTE, kMains = V4L2_CID_POWER_LINE_FREQUENCY;
@@ -449,14 +253,3 @@ TEST(V4l2Controls, what_is_missing_out_of_range_or_refused_is_named_and_nothing_
 
 }  // namespace
 }  // namespace celadon
-
-extern "C" int ioctl(int fd, unsigned long request, ...) noexcept {
-  va_list arguments;
-  va_start(arguments, request);
-  void* argument = va_arg(arguments, void*);
-  va_end(arguments);
-  auto* const camera = celadon::FakeCamera::present;
-  if (camera == nullptr || !camera->is(fd)) return static_cast<int>(::syscall(SYS_ioctl, fd, request, argument));
-  errno = camera->answer(request, argument);
-  return errno == 0 ? 0 : -1;
-}

@@ -1,13 +1,9 @@
 #pragma once
 // What the kernel said: every buffer that this process dequeued, recorded between the source under test and the kernel
-// by an ioctl() of our own. In one source file of a test only.
+// by an ioctl() of our own.
 
 #include <linux/videodev2.h>
-#include <sys/ioctl.h>
-#include <sys/syscall.h>
-#include <unistd.h>
 
-#include <cstdarg>
 #include <cstdint>
 #include <cstdlib>
 #include <fstream>
@@ -16,8 +12,13 @@
 
 namespace celadon {
 
-inline std::vector<v4l2_buffer>& dequeued_buffers() {
-  static std::vector<v4l2_buffer> buffers;
+/// What the kernel answered, but for where the planes of the multi-planar interface were told.
+struct DequeuedBuffer : v4l2_buffer {
+  std::uint32_t data_offset = 0;  ///< of the first plane
+};
+
+inline std::vector<DequeuedBuffer>& dequeued_buffers() {
+  static std::vector<DequeuedBuffer> buffers;
   return buffers;
 }
 
@@ -32,15 +33,3 @@ inline bool is_mapping(const std::string& device, const std::uint8_t* address) {
 }
 
 }  // namespace celadon
-
-extern "C" int ioctl(int fd, unsigned long request, ...) noexcept {
-  va_list arguments;
-  va_start(arguments, request);
-  void* argument = va_arg(arguments, void*);
-  va_end(arguments);
-  const auto answer = static_cast<int>(::syscall(SYS_ioctl, fd, request, argument));
-  if (answer == 0 && request == VIDIOC_DQBUF) {
-    celadon::dequeued_buffers().push_back(*static_cast<v4l2_buffer*>(argument));
-  }
-  return answer;
-}
