@@ -143,6 +143,8 @@ class FrameSource {
   /// The oldest frame not yet taken, waiting at most timeout_ns of the host clock; Kind::timed_out after that (the
   /// dequeue watchdog), Kind::end_of_stream after the last recorded one.
   virtual tl::expected<Frame, CameraError> next(std::int64_t timeout_ns) = 0;
+  /// Whether the camera is still connected, which the driver knows without a frame. Says so of what cannot be unplugged.
+  virtual tl::expected<void, CameraError> check_present() const { return {}; }
   /// Exposure time for the frames to come; the value in force is returned.
   virtual tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) = 0;
   /// Puts back the exposure, or the automatic, that was found before the first set_exposure(); nothing if there was
@@ -152,8 +154,8 @@ class FrameSource {
   virtual const RecordedScan* recorded() const { return nullptr; }
 };
 
-/// Opens "v4l2:/dev/video0[?width=..&height=..&format=GREY|YUYV]", "sim:FOLDER" (of celadon-sim --socket-dir) or
-/// "replay:FOLDER".
+/// Opens "v4l2:/dev/video0[?width=..&height=..&format=GREY|YUYV]", "v4l2:serial=CAM001[?..]" (on USB), "sim:FOLDER" (of
+/// celadon-sim --socket-dir) or "replay:FOLDER".
 tl::expected<std::unique_ptr<FrameSource>, CameraError> open_frame_source(const std::string& url);
 
 }  // namespace celadon

@@ -48,7 +48,15 @@ std::string usable_formats() {
 
 tl::expected<V4l2Address, CameraError> parse_v4l2_address(const std::string& text) {
   const std::size_t question = text.find('?');
-  V4l2Address address{.path = text.substr(0, question), .width = {}, .height = {}, .fourcc = {}, .controls = {}};
+  const std::string camera = text.substr(0, question);
+  constexpr std::string_view kSerial = "serial=";
+  const bool by_serial = camera.starts_with(kSerial) && camera.size() > kSerial.size();
+  V4l2Address address{.path = by_serial ? "" : camera,
+                      .serial = by_serial ? camera.substr(kSerial.size()) : "",
+                      .width = {},
+                      .height = {},
+                      .fourcc = {},
+                      .controls = {}};
   std::string rest = question == std::string::npos ? "" : text.substr(question + 1);
   while (!rest.empty()) {
     const std::string option = rest.substr(0, rest.find('&'));
@@ -73,7 +81,7 @@ tl::expected<V4l2Address, CameraError> parse_v4l2_address(const std::string& tex
       address.fourcc = *named;
     } else {
       return tl::unexpected(
-          camera_fault(CameraError::Kind::unsupported, "v4l2:" + address.path, "opening",
+          camera_fault(CameraError::Kind::unsupported, "v4l2:" + camera, "opening",
                        "the option \"" + option + "\" is not understood",
                        "use width=PIXELS, height=PIXELS, format=FORMAT and CONTROL=NUMBER, joined by &; formats are " +
                            usable_formats()));

@@ -1,5 +1,5 @@
 #pragma once
-// The address of a V4L2 camera: device node, and what it shall deliver.
+// The address of a V4L2 camera: which one, and what it shall deliver.
 
 #include <cstdint>
 #include <optional>
@@ -15,9 +15,10 @@
 namespace celadon {
 
 /// "/dev/video0?width=1280&height=1024&format=GREY&gain=32": what is no size and no format is a control of the camera,
-/// by its key.
+/// by its key. "serial=CAM001?width=..." names a camera on USB by its serial number, whatever its node.
 struct V4l2Address {
-  std::string path;
+  std::string path;    ///< empty: by the serial number
+  std::string serial;  ///< empty: by the path
   std::optional<std::uint32_t> width, height, fourcc;
   std::vector<ControlSetting> controls;
 };

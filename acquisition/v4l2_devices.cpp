@@ -8,6 +8,7 @@
 #include <cstring>
 #include <system_error>
 
+#include "acquisition/camera_fault.h"
 #include "acquisition/file_descriptor.h"
 #include "acquisition/v4l2_address.h"
 #include "acquisition/v4l2_capture.h"
@@ -104,9 +105,8 @@ std::optional<V4l2Device> device_of(const std::string& path) {
   return device;
 }
 
-}  // namespace
-
-std::vector<V4l2Device> list_v4l2_devices(const std::filesystem::path& nodes) {
+/// Of the nodes there, in their order.
+std::vector<int> video_numbers(const std::filesystem::path& nodes) {
   std::vector<int> numbers;
   std::error_code error;
   for (const auto& entry : std::filesystem::directory_iterator(nodes, error)) {
@@ -118,10 +118,52 @@ std::vector<V4l2Device> list_v4l2_devices(const std::filesystem::path& nodes) {
     if (parsed.ec == std::errc{} && parsed.ptr == name.data() + name.size()) numbers.push_back(number);
   }
   std::sort(numbers.begin(), numbers.end());
+  return numbers;
+}
+
+std::string node_of(int number) {
+  return "/dev/video" + std::to_string(number);
+}
+
+}  // namespace
+
+std::vector<V4l2Device> list_v4l2_devices(const std::filesystem::path& nodes) {
   std::vector<V4l2Device> devices;
-  for (const int number : numbers)
-    if (auto device = device_of("/dev/video" + std::to_string(number))) devices.push_back(std::move(*device));
+  for (const int number : video_numbers(nodes))
+    if (auto device = device_of(node_of(number))) devices.push_back(std::move(*device));
   return devices;
+}
+
+tl::expected<std::string, CameraError> find_v4l2_device(const std::string& serial, const std::filesystem::path& nodes) {
+  std::vector<std::string> found;
+  for (const int number : video_numbers(nodes)) {
+    if (usb_serial_at(nodes / ("video" + std::to_string(number))) != serial) continue;
+    // One that cannot be opened is taken for the camera: opening it says why.
+    const FileDescriptor file(::open(node_of(number).c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
+    v4l2_capability capability{};
+    if (!file || (v4l2_ioctl(file.get(), VIDIOC_QUERYCAP, &capability) == 0 && capture_type_of(capability)))
+      found.push_back(node_of(number));
+  }
+  if (found.size() == 1) return found.front();
+  using Kind = CameraError::Kind;
+  const std::string device = "v4l2:serial=" + serial, operation = "looking for it";
+  if (found.empty()) {
+    return tl::unexpected(camera_fault(Kind::not_found, device, operation,
+                                       "no camera with this serial number is on USB",
+                                       "connect it; `celadon cameras` lists those that are there"));
+  }
+  std::string names;
+  for (const std::string& name : found) names += (names.empty() ? "" : ", ") + name;
+  return tl::unexpected(camera_fault(Kind::unsupported, device, operation, "several have this serial number: " + names,
+                                     "give one by its place, v4l2:/dev/v4l/by-path/NAME"));
+}
+
+std::string address_of(const V4l2Device& device, std::span<const V4l2Device> listed) {
+  const auto same = std::count_if(listed.begin(), listed.end(),
+                                  [&](const V4l2Device& other) { return other.serial == device.serial; });
+  // What parts an address from its options cannot be in it.
+  const bool named = !device.serial.empty() && same == 1 && device.serial.find('?') == std::string::npos;
+  return "v4l2:" + (named ? "serial=" + device.serial : device.path);
 }
 
 const V4l2Format* preferred_format(const V4l2Device& device) {

@@ -15,6 +15,7 @@
 #include "acquisition/v4l2_address.h"
 #include "acquisition/v4l2_capture.h"
 #include "acquisition/v4l2_controls.h"
+#include "acquisition/v4l2_devices.h"
 #include "acquisition/v4l2_exposure.h"
 #include "acquisition/v4l2_fault.h"
 #include "acquisition/v4l2_ioctl.h"
@@ -66,6 +67,12 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   tl::expected<void, CameraError> start() override;
   void stop() noexcept override;
   tl::expected<Frame, CameraError> next(std::int64_t timeout_ns) override;
+  tl::expected<void, CameraError> check_present() const override {
+    v4l2_capability capability{};
+    const int code = v4l2_ioctl(file_.get(), VIDIOC_QUERYCAP, &capability);
+    if (code != 0) return fault("looking for it", code, kConnectCameraAgain);
+    return {};
+  }
 
   tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) override {
     auto in_force = exposure_.set(exposure_ns);
@@ -306,9 +313,14 @@ tl::expected<Frame, CameraError> V4l2Source::lend_decoded(const FilledBuffer& bu
 }  // namespace
 
 tl::expected<std::unique_ptr<FrameSource>, CameraError> open_v4l2_source(const std::string& text) {
-  const auto address = parse_v4l2_address(text);
+  auto address = parse_v4l2_address(text);
   if (!address) return tl::unexpected(address.error());
-  const std::string device = "v4l2:" + address->path;
+  const std::string device = "v4l2:" + text.substr(0, text.find('?'));
+  if (!address->serial.empty()) {
+    auto found = find_v4l2_device(address->serial);
+    if (!found) return tl::unexpected(std::move(found.error()));
+    address->path = std::move(*found);
+  }
   FileDescriptor file(::open(address->path.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
   if (!file) {
     const int code = errno;

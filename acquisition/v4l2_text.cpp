@@ -1,7 +1,6 @@
 #include "acquisition/v4l2_text.h"
 
 #include <algorithm>
-#include <filesystem>
 #include <fstream>
 
 namespace celadon {
@@ -12,14 +11,19 @@ std::string printable(const std::uint8_t* text, std::size_t size) {
   return out;
 }
 
-std::string usb_serial_of(const std::string& path) {
+std::string usb_serial_at(const std::filesystem::path& node) {
   std::error_code error;
-  const std::filesystem::path node = std::filesystem::canonical(path, error).filename();
-  const std::filesystem::path device = std::filesystem::canonical("/sys/class/video4linux" / node / "device", error);
+  const std::filesystem::path device = std::filesystem::canonical(node / "device", error);
   if (error) return "";
   std::string serial;
   std::ifstream(device.parent_path() / "serial") >> serial;
   return printable(reinterpret_cast<const std::uint8_t*>(serial.data()), std::min<std::size_t>(serial.size(), 64));
+}
+
+std::string usb_serial_of(const std::string& path) {
+  std::error_code error;
+  const std::filesystem::path node = std::filesystem::canonical(path, error).filename();
+  return error ? "" : usb_serial_at("/sys/class/video4linux" / node);
 }
 
 }  // namespace celadon

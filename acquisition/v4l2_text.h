@@ -2,6 +2,7 @@
 // Names that V4L2 drivers give.
 
 #include <cstdint>
+#include <filesystem>
 #include <string>
 
 namespace celadon {
@@ -10,6 +11,9 @@ namespace celadon {
 std::string printable(const std::uint8_t* text, std::size_t size);
 
 /// Serial number of the USB device behind a video node, or "".
+/// @param path  "/dev/video0", or a link to it
 std::string usb_serial_of(const std::string& path);
+/// @param node  its folder, "/sys/class/video4linux/video0"
+std::string usb_serial_at(const std::filesystem::path& node);
 
 }  // namespace celadon

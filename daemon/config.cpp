@@ -295,7 +295,7 @@ tl::expected<void, ConfigError> check_config(const Config& config) {
   }
   if (!starts_with_one_of(config.camera, {"v4l2:", "sim:", "replay:"})) {
     return refused("The camera is '" + config.camera +
-                   "'; give --camera v4l2:/dev/videoN, sim:FOLDER or replay:FOLDER.");
+                   "'; give --camera v4l2:/dev/videoN, v4l2:serial=NUMBER, sim:FOLDER or replay:FOLDER.");
   }
   if (!config.button.empty()) {
     if (auto button = check_button_url(config.button); !button) return refused(button.error().message);

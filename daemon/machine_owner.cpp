@@ -111,6 +111,10 @@ void ScanQueue::own_machine() {
 
 void ScanQueue::connect() {
   look_at_host_button();
+  {
+    const MutexLock lock(mutex_);
+    devices_changed_ = false;
+  }
   const std::optional<Calibration> calibration = present_calibration();
   auto connection = connect_(calibration);
   if (connection) {
@@ -157,8 +161,9 @@ void ScanQueue::connect() {
   // Each cause once: an absent machine would fill the log.
   if (!known) spdlog::error("no machine: {}", connection.error().message);
   const MutexLock lock(mutex_);
-  if (!stop_) wake_.wait_for(mutex_, retry_);
-  retry_ = std::min(2 * retry_, options_.longest_retry);
+  if (!stop_ && !devices_changed_) wake_.wait_for(mutex_, retry_);
+  // A device may be there a moment before it can be opened.
+  retry_ = devices_changed_ ? options_.first_retry : std::min(2 * retry_, options_.longest_retry);
 }
 
 /// One look at the machine while no scan runs: heartbeat, state for the clients, the button.
@@ -178,6 +183,11 @@ void ScanQueue::watch_machine() {
       return;
     }
     lose_connection(status.error().message());
+    return;
+  }
+  // Held open, a camera that is gone would keep the name of its node from the one that is plugged in again.
+  if (const auto present = connection_->camera->check_present(); !present) {
+    if (!connect_again()) lose_connection(present.error().message);
     return;
   }
   const bool unlocked_now = was_locked_ && !status->local_action_needed;

@@ -15,6 +15,7 @@
 
 #include "daemon/calibration/calibration_job.h"
 #include "daemon/config.h"
+#include "daemon/device_news.h"
 #include "daemon/http/http_server.h"
 #include "daemon/scan_queue.h"
 #include "daemon/scan_store.h"
@@ -100,6 +101,13 @@ int serve(const Config& config, const sigset_t& ending) {
                    : open_scanner(config.device, config.camera, config.drive, config.motion);
   });
   if (auto started = queue.start(); !started) return fail(kUsage, started.error().message);
+  const DeviceNews news([&queue](const std::string& device) {
+    spdlog::debug("the device {} came, changed or went", device);
+    queue.devices_changed();
+  });
+  spdlog::info("devices that come and go are told by {}", news.source() == DeviceNews::Source::udev     ? "udev"
+                                                          : news.source() == DeviceNews::Source::kernel ? "the kernel"
+                                                                                                        : "nobody");
 
   HttpServerOptions http;
   http.address = config.http_address;
@@ -129,7 +137,7 @@ int run(int argc, char** argv) {
   app.add_option("--config", line.config_file, "TOML file; the options below override it");
   app.add_option("--device", line.device,
                  "modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID]; none with replay:");
-  app.add_option("--camera", line.camera, "v4l2:/dev/videoN, sim:FOLDER or replay:FOLDER");
+  app.add_option("--camera", line.camera, "v4l2:/dev/videoN, v4l2:serial=NUMBER (on USB), sim:FOLDER or replay:FOLDER");
   app.add_option("--button", line.button,
                  "a button at this computer, too: evdev:/dev/input/PATH[:KEY] or gpio:CHIP:LINE[?active=high|low]");
   app.add_option(

@@ -102,6 +102,12 @@ void ScanQueue::tell(std::uint64_t id) {
   for (const auto& [subscription, listener] : listeners_) listener(id);
 }
 
+void ScanQueue::devices_changed() {
+  const MutexLock lock(mutex_);
+  devices_changed_ = true;
+  wake_.notify_all();
+}
+
 MachineState ScanQueue::machine() const {
   const MutexLock lock(mutex_);
   MachineState machine = machine_;

@@ -54,6 +54,9 @@ class ScanQueue final : public ScanService {
   tl::expected<void, ConnectError> start() CELADON_EXCLUDES(mutex_);
   /// Cancels what runs, makes the machine safe, ends the thread. Queued jobs are cancelled.
   void stop() CELADON_EXCLUDES(mutex_);
+  /// Devices came to this computer or left it: an absent machine is looked for now, not at the next retry. From any
+  /// thread.
+  void devices_changed() CELADON_EXCLUDES(mutex_);
 
   MachineState machine() const override CELADON_EXCLUDES(mutex_);
   tl::expected<ScanRecord, ServiceError> submit(const ScanRequest& request, const std::string& requested_by) override
@@ -143,6 +146,7 @@ class ScanQueue final : public ScanService {
   bool confirmed_ CELADON_GUARDED_BY(mutex_) = false;             ///< what the running calibration asked for is done
   std::optional<ConnectError> refused_ CELADON_GUARDED_BY(mutex_);
   bool first_attempt_done_ CELADON_GUARDED_BY(mutex_) = false, stop_ CELADON_GUARDED_BY(mutex_) = false;
+  bool devices_changed_ CELADON_GUARDED_BY(mutex_) = false;  ///< since the last attempt to connect began
 
   Mutex listeners_mutex_;
   std::map<std::uint64_t, std::function<void(std::uint64_t)>> listeners_ CELADON_GUARDED_BY(listeners_mutex_);

@@ -124,7 +124,7 @@ void add_calibrate_command(CLI::App& program, Run& run) {
   c->add_option("--server", a->server, std::string(kServerHelp) + "; default: " + kServer);
   c->add_option("--config", a->config_file, "configuration of a daemon that does not run: its machine and camera");
   c->add_option("--device", a->device, "modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID]");
-  c->add_option("--camera", a->camera, "v4l2:/dev/videoN or sim:FOLDER");
+  c->add_option("--camera", a->camera, "v4l2:/dev/videoN, v4l2:serial=NUMBER (on USB) or sim:FOLDER");
   c->add_option("--board", a->request.board, "the printed board, as `celadon board` printed it")->capture_default_str();
   c->add_option("--width", a->width_mm, "measured over all its squares from left to right, mm; without: 0.3 % unsure");
   c->add_option("--height", a->height_mm, "the same from top to bottom, mm");

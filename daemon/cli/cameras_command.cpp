@@ -16,9 +16,10 @@ namespace {
 
 using nlohmann::ordered_json;
 
-ordered_json json_of(const V4l2Device& device) {
-  ordered_json out{{"path", device.path}, {"name", device.name},     {"driver", device.driver},
-                   {"bus", device.bus},   {"serial", device.serial}, {"problem", device.problem}};
+ordered_json json_of(const V4l2Device& device, const std::string& address) {
+  ordered_json out{{"path", device.path},      {"address", address}, {"name", device.name},
+                   {"driver", device.driver},  {"bus", device.bus},  {"serial", device.serial},
+                   {"problem", device.problem}};
   out["formats"] = ordered_json::array();
   for (const V4l2Format& format : device.formats) {
     ordered_json sizes = ordered_json::array();
@@ -45,13 +46,14 @@ ordered_json json_of(const V4l2Device& device) {
   return out;
 }
 
-void print(const V4l2Device& device) {
+void print(const V4l2Device& device, const std::string& address) {
   if (!device.problem.empty()) {
     std::printf("%s\n  problem     %s\n", device.path.c_str(), device.problem.c_str());
     return;
   }
   std::printf("%s  %s%s%s (%s, %s)\n", device.path.c_str(), device.name.c_str(), device.serial.empty() ? "" : " ",
               device.serial.c_str(), device.driver.c_str(), device.bus.c_str());
+  std::printf("  address     %s\n", address.c_str());
   const V4l2Format* const preferred = preferred_format(device);
   for (const V4l2Format& format : device.formats) {
     std::printf("  format      %s  %s%s\n", fourcc_text(format.fourcc).c_str(), format.description.c_str(),
@@ -87,10 +89,10 @@ int cameras(bool as_json) {
   const auto devices = list_v4l2_devices();
   if (as_json) {
     ordered_json all = ordered_json::array();
-    for (const V4l2Device& device : devices) all.push_back(json_of(device));
+    for (const V4l2Device& device : devices) all.push_back(json_of(device, address_of(device, devices)));
     std::printf("%s\n", all.dump(-1, ' ', false, ordered_json::error_handler_t::replace).c_str());
   } else {
-    for (const V4l2Device& device : devices) print(device);
+    for (const V4l2Device& device : devices) print(device, address_of(device, devices));
   }
   if (devices.empty())
     return fail(1, "this computer shows no camera; connect one, and see whether the kernel names a /dev/videoN for it");

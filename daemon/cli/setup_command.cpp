@@ -152,9 +152,9 @@ std::string ask_for_camera() {
     say("  " + std::to_string(k + 1) + "  " + usable[k].path + "  " + usable[k].name + " " + usable[k].serial);
   if (usable.empty()) say("  This computer has no camera that could be used; plug it in, or name one by its address.");
   while (true) {
-    const std::string given = answer_to("Which camera? Its number, or v4l2:/dev/videoN:");
+    const std::string given = answer_to("Which camera? Its number, or v4l2:/dev/videoN or v4l2:serial=NUMBER:");
     const auto number = static_cast<std::size_t>(std::strtoul(given.c_str(), nullptr, 10));
-    if (number >= 1 && number <= usable.size()) return "v4l2:" + usable[number - 1].path;
+    if (number >= 1 && number <= usable.size()) return address_of(usable[number - 1], usable);
     if (given.find(':') != std::string::npos) return given;
     say("  '" + given + "' is neither a number from above nor an address.");
   }
@@ -349,7 +349,7 @@ void add_setup_command(CLI::App& program, Run& run) {
   c->option_defaults()->always_capture_default();
   c->add_option("--device", a->device,
                 "modbus-tcp://HOST[:PORT], modbus-rtu:/dev/TTY or usb:[VID:PID]; else it is asked");
-  c->add_option("--camera", a->camera, "v4l2:/dev/videoN or sim:FOLDER; else it is asked");
+  c->add_option("--camera", a->camera, "v4l2:/dev/videoN, v4l2:serial=NUMBER or sim:FOLDER; else it is asked");
   c->add_option("-o,--output", a->folder, "folder of the machine's files");
   c->callback([a, &run] { run = [a] { return set_up(*a); }; });
 }

@@ -108,6 +108,10 @@ class FakeCamera final : public FrameSource, public FrameReturn {
     info.corrupt = every > 0 && shot->sequence % static_cast<std::uint64_t>(every) == 0;
     return Frame(this, 0, pixels_, info);
   }
+  tl::expected<void, CameraError> check_present() const override {
+    if (machine_.camera_unplugged) return unplugged();
+    return {};
+  }
   tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) override {
     if (machine_.camera_unplugged) return unplugged();
     if (const int code = machine_.set_exposure((exposure_ns + 500) / 1000); code != 0) {
@@ -251,6 +255,7 @@ tl::expected<ScannerConnection, ConnectError> FakeMachine::connect(const Calibra
   auto device = ScannerDevice::open(std::make_unique<FakeTransport>(*this), *connection.clock);
   if (!device) return tl::make_unexpected(ConnectError{device.error().message(), false});
   connection.device = std::move(*device);
+  if (camera_unplugged) return tl::make_unexpected(ConnectError{"There is no camera.", false});
   connection.camera = std::make_unique<FakeCamera>(*this);
   auto checked = check_calibration(calibration, connection.device->identity().machine, kCameraName,
                                    connection.camera->mode().width_px, connection.camera->mode().height_px);

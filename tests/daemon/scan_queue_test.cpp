@@ -44,8 +44,9 @@ constexpr std::chrono::milliseconds kPollPeriod{1};
 class Bench {
  public:
   explicit Bench(FakeMachine& machine) : Bench(machine, machine.calibration()) {}
-  Bench(FakeMachine& machine, const Calibration& calibration, std::chrono::nanoseconds poll = kPollPeriod)
-      : machine_(machine), calibration_(calibration), poll_period_(poll) {
+  Bench(FakeMachine& machine, const Calibration& calibration, std::chrono::nanoseconds poll = kPollPeriod,
+        std::chrono::nanoseconds retry = std::chrono::milliseconds(1))
+      : machine_(machine), calibration_(calibration), poll_period_(poll), retry_(retry) {
     open();
   }
 
@@ -57,7 +58,7 @@ class Bench {
     ScanQueueOptions options;
     options.button_request = quick_request();
     options.poll_period = poll_period_;
-    options.first_retry = options.longest_retry = std::chrono::milliseconds(1);
+    options.first_retry = options.longest_retry = retry_;
     queue = std::make_unique<ScanQueue>(std::move(*store), calibration_, options,
                                         [this](const auto&) { return machine_.connect(calibration_); });
     queue->subscribe([this, q = queue.get()](std::uint64_t id) {
@@ -99,7 +100,7 @@ class Bench {
  private:
   FakeMachine& machine_;
   const Calibration calibration_;
-  const std::chrono::nanoseconds poll_period_;
+  const std::chrono::nanoseconds poll_period_, retry_;
   std::mutex mutex_;
   std::condition_variable changed_;
   std::vector<ScanState> seen_;
@@ -361,6 +362,38 @@ TEST(ScanQueue, AnAbsentMachineIsWaitedForAndSaidSo) {
   while (!bench.queue->machine().connected) std::this_thread::yield();
   EXPECT_TRUE(bench.queue->machine().error.empty());
   EXPECT_TRUE(bench.queue->submit(quick_request(), "api"));
+}
+
+/// Nothing is found by looking again.
+constexpr std::chrono::hours kNever{24};
+
+TEST(ScanQueue, TheNewsOfADeviceEndsTheWaitForTheMachine) {
+  FakeMachine machine;
+  machine.link_down = true;
+  Bench bench(machine, machine.calibration(), kPollPeriod, kNever);
+  ASSERT_TRUE(bench.queue->start());
+  bench.queue->devices_changed();  // of another device
+  machine.link_down = false;
+  bench.queue->devices_changed();
+  while (!bench.queue->machine().connected) std::this_thread::yield();
+  EXPECT_TRUE(bench.queue->submit(quick_request(), "api"));
+}
+
+TEST(ScanQueue, ACameraUnpluggedWhileNothingRunsIsSaidAndTakenUpAgainWhenItIsBack) {
+  FakeMachine machine;
+  Bench bench(machine, machine.calibration(), kPollPeriod, kNever);
+  ASSERT_TRUE(bench.queue->start());
+  machine.camera_unplugged = true;
+  while (bench.queue->machine().connected) std::this_thread::yield();
+  EXPECT_NE(bench.queue->machine().error.find("camera"), std::string::npos) << bench.queue->machine().error;
+  const auto refused = bench.queue->submit(quick_request(), "api");
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().status, 503);
+  machine.camera_unplugged = false;
+  bench.queue->devices_changed();
+  while (!bench.queue->machine().connected) std::this_thread::yield();
+  ASSERT_TRUE(bench.queue->submit(quick_request(), "api"));
+  EXPECT_EQ(bench.wait_for_end().state, ScanState::done);
 }
 
 TEST(ScanQueue, ALostMachineComesBackForTheNextScan) {

@@ -1,13 +1,17 @@
 // Scans whose controller and camera are a USB device of the guest's kernel: usbfs and libusb, uvcvideo and V4L2,
 // nothing of ours between them. The device is celadon-sim, plugged into vhci-hcd.
+#include <fcntl.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
+#include <csignal>
+#include <filesystem>
 #include <sstream>
 #include <string>
 #include <vector>
 
+#include "acquisition/file_descriptor.h"
 #include "tests/integration/process.h"
 #include "tests/integration/station.h"
 #include "tests/vm/plugged_usb.h"
@@ -24,20 +28,23 @@ constexpr int kProfiles = 24;
 // A body off the axis: a picture of another table angle would be measured as another radius.
 constexpr const char* kScene = "cylinder-off";
 constexpr const char* kVideo = "/dev/video0";
+/// Of the camera's metadata; of its pictures, when it comes back while the number of the first is taken.
+constexpr const char* kNextVideo = "/dev/video1";
 
 struct Plugged : Station {
-  Plugged() : Station(kScene, kSmallMachine, Link::usb, Time::real) {
-    camera = std::string("v4l2:") + kVideo;
+  explicit Plugged(const std::string& address) : Station(kScene, kSmallMachine, Link::usb, Time::real) {
+    camera = "v4l2:" + address;
     wait_for_node(kVideo, true);
     const auto config = folder.write(
         "celadond.toml", "[scan]\nmode = \"step\"\nprofiles = " + std::to_string(kProfiles) + "\nexposure_ms = 4\n");
-    start_daemon({"--config", config});
+    start_daemon({"--config", config, "--log-level", "debug"});
   }
   ~Plugged() {
     daemon.reset();
     simulator->signal(SIGTERM);
     simulator->wait();
     wait_for_node(kVideo, false);
+    wait_for_node(kNextVideo, false);
   }
   Outcome simulate(std::vector<std::string> words) const {
     words.insert(words.begin(), "celadon-sim");
@@ -78,7 +85,7 @@ Errors errors_of(const std::string& surface, const Station& station) {
 
 TEST(GuestUsbScan, APressToldByUsbBecomesASolidCloseToTheTruth) {
   const double begun = seconds_now();
-  const Plugged station;
+  const Plugged station(kVideo);
   Program watch({"celadon", "watch", "--server", station.server(), "--json", "-o", station.folder / "out"});
   ASSERT_EQ(station.simulate({"press"}).exit_code, 0);
   const auto outcome = watch.wait();
@@ -99,7 +106,10 @@ TEST(GuestUsbScan, APressToldByUsbBecomesASolidCloseToTheTruth) {
 
 TEST(GuestUsbScan, PulledOutInTheMiddleItSaysSoKeepsItsProfilesAndScansAgainWhenPluggedIn) {
   const double begun = seconds_now();
-  const Plugged station;
+  const Plugged station("serial=SIM-0001");
+  // The number of a node stays taken while a program holds it: the camera comes back under the next.
+  const FileDescriptor held(::open(kVideo, O_RDWR | O_CLOEXEC));
+  ASSERT_TRUE(held);
   const std::vector<std::string> words = {
       "celadon",    "scan", "--server", station.server(),      "--json", "--mode", "step", "--profiles", "16",
       "--exposure", "4",    "-o",       station.folder / "out"};
@@ -117,19 +127,25 @@ TEST(GuestUsbScan, PulledOutInTheMiddleItSaysSoKeepsItsProfilesAndScansAgainWhen
   const int kept = profiles_kept(station.folder / "store");
   EXPECT_GE(kept, 3);
   wait_for_node(kVideo, false);
+  wait_for_node(kNextVideo, false);
   const json pulled = station.state();
   EXPECT_TRUE(laser_off(pulled) || pulled["lease_left_ms"].get<int>() <= 500) << pulled;
   const auto refused = run(words);
   EXPECT_NE(refused.err.find("No machine is connected"), std::string::npos) << refused.err;
 
   ASSERT_EQ(station.simulate({"clear", "usb-unplug"}).exit_code, 0);
-  wait_for_node(kVideo, true);
+  wait_for_node(kNextVideo, true);
   auto again = run(words);
   while (again.err.find("No machine is connected") != std::string::npos) again = run(words);
   ASSERT_EQ(again.exit_code, 0) << again.err << again.out;
   const json report = json::parse(read_file(station.folder / "out" / "report.json"));
   EXPECT_EQ(report["solid"]["valid"], true);
   EXPECT_TRUE(laser_off(station.state()));
+  EXPECT_FALSE(std::filesystem::exists(kVideo));
+  station.daemon->signal(SIGTERM);
+  const std::string log = station.daemon->wait().err;
+  EXPECT_NE(log.find("told by the kernel"), std::string::npos) << log;
+  EXPECT_NE(log.find("the device video1 came"), std::string::npos) << log;
   std::printf("%.1f s; %d profiles kept of the interrupted scan, told: %s", seconds_now() - begun, kept,
               cut.err.c_str());
 }

@@ -8,10 +8,16 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <condition_variable>
 #include <cstdlib>
 #include <memory>
+#include <mutex>
+#include <set>
+#include <string>
 
 #include "acquisition/frame.h"
+#include "acquisition/v4l2_devices.h"
+#include "daemon/device_news.h"
 #include "sim/pacer.h"
 #include "sim/uvc_camera.h"
 #include "tests/sim/pattern_sensor.h"
@@ -45,6 +51,8 @@ class PacedSensor final : public sim::PatternSensor {
 /// Sees another pattern in every frame.
 class Camera {
  public:
+  /// @param node  that its capture node will have
+  explicit Camera(const std::string& node = kNode) : usb_(device_, node) {}
   Controls controls() const {
     return usb_.locked([this] { return camera_.controls(); });
   }
@@ -54,7 +62,7 @@ class Camera {
   PacedSensor sensor_{kWidth, kHeight};
   sim::UvcCamera camera_{sensor_, 15'600'000};
   sim::UsbDevice device_{{0x1209, 0x0001, "Celadon", "Test Camera", "CAM001"}, {&camera_}};
-  PluggedUsb usb_{device_, kNode};
+  PluggedUsb usb_;
 };
 
 std::uint8_t pixel(std::uint8_t first, int x, int y) {
@@ -162,6 +170,56 @@ TEST(V4l2Uvc, mjpeg_pictures_decode_to_the_pattern) {
     }
     EXPECT_LT(least, 6) << "mean difference in levels, of a pattern that wraps";
   }
+}
+
+// A program that holds the node of the camera that is gone keeps its number.
+TEST(V4l2Uvc, a_camera_that_comes_back_under_another_number_is_found_by_its_serial_number) {
+  std::unique_ptr<FrameSource> held;
+  {
+    const Camera camera;
+    held = opened();
+    ASSERT_TRUE(held);
+    EXPECT_TRUE(held->check_present());
+  }
+  const auto gone = held->check_present();
+  ASSERT_FALSE(gone);
+  EXPECT_EQ(gone.error().kind, CameraError::Kind::unplugged) << gone.error().message;
+  const Camera back("/dev/video1");
+  EXPECT_FALSE(open_frame_source(std::string("v4l2:") + kNode));
+  auto source = open_frame_source("v4l2:serial=CAM001?format=GREY");
+  ASSERT_TRUE(source) << source.error().message;
+  EXPECT_EQ((*source)->mode().identity, "Test Camera CAM001");
+  ASSERT_TRUE((*source)->start());
+  const auto frame = (*source)->next(kPatience);
+  EXPECT_TRUE(frame) << frame.error().message;
+  // Its node for metadata captures no pictures.
+  const auto listed = list_v4l2_devices();
+  ASSERT_EQ(listed.size(), 1u);
+  EXPECT_EQ(address_of(listed[0], listed), "v4l2:serial=CAM001");
+  EXPECT_FALSE(open_frame_source("v4l2:serial=CAM002"));
+}
+
+// The guest has no udev.
+TEST(V4l2Uvc, a_camera_that_comes_or_goes_is_told_by_the_kernel) {
+  std::mutex mutex;
+  std::condition_variable changed;
+  std::set<std::string> told;
+  const DeviceNews news([&](const std::string& device) {
+    const std::lock_guard lock(mutex);
+    told.insert(device);
+    changed.notify_all();
+  });
+  EXPECT_EQ(news.source(), DeviceNews::Source::kernel);
+  const auto wait_for_news = [&] {
+    std::unique_lock lock(mutex);
+    changed.wait(lock, [&] { return told.contains("video0"); });
+    told.clear();
+  };
+  {
+    const Camera camera;
+    wait_for_news();
+  }
+  wait_for_news();
 }
 
 TEST(V4l2Uvc, a_camera_that_is_unplugged_while_streaming_is_told) {
