@@ -143,7 +143,7 @@ class FrameSource {
   /// The oldest frame not yet taken, waiting at most timeout_ns of the host clock; Kind::timed_out after that (the
   /// dequeue watchdog), Kind::end_of_stream after the last recorded one.
   virtual tl::expected<Frame, CameraError> next(std::int64_t timeout_ns) = 0;
-  /// Whether the camera is still connected, which the driver knows without a frame. Says so of what cannot be unplugged.
+  /// Whether the camera is still connected, which the driver knows without a frame. What cannot be unplugged is.
   virtual tl::expected<void, CameraError> check_present() const { return {}; }
   /// Exposure time for the frames to come; the value in force is returned.
   virtual tl::expected<std::int64_t, CameraError> set_exposure(std::int64_t exposure_ns) = 0;
