@@ -10,6 +10,7 @@
 #include "acquisition/angle_timeline.h"
 #include "acquisition/axis_stop.h"
 #include "acquisition/recording.h"
+#include "daemon/arrival_watch.h"
 #include "daemon/lease_history.h"
 #include "daemon/profile_log.h"
 #include "daemon/scan_job.h"
@@ -75,8 +76,12 @@ class FrameFeed {
   /// other, when time stamps cannot be, or when the device is not fit to scan.
   tl::expected<Frame, ScanStop> next();
   /// The same, but frames whose exposure began before an instant of the host clock, or while the laser warmed up, or
-  /// which have another exposure than expose_for() asked for, are dropped and counted as stale.
+  /// which have another exposure than expose_for() asked for, are dropped and counted as stale. So are those whose
+  /// stamp says so only because they came late: where one may have, the frame after it tells.
   tl::expected<Frame, ScanStop> next_after(std::int64_t instant_ns);
+
+  /// Puts a frame's stamp back by what the frame after it shows that it came late.
+  void correct_stamp(Frame& frame, const FrameInfo& later) const;
 
   /// Takes frames until the table, which ends its move by itself, stands; a stop after 30 s.
   tl::expected<void, ScanStop> come_to_rest();
@@ -107,6 +112,7 @@ class FrameFeed {
   std::optional<ScanStop> dark_laser();
   tl::expected<Frame, ScanStop> next_whole();
   LeaseHistory::Light light_on(const FrameInfo& frame) const;
+  ArrivalWatch::Exposure exposure_of(const FrameInfo& frame) const;
   std::optional<ScanStop> too_slow(int unlit_frames, const FrameInfo& frame) const;
   std::optional<ScanStop> wrong_stamp(const FrameInfo& frame) const;
 
@@ -124,6 +130,7 @@ class FrameFeed {
   Counts counts_;
   bool lit_ = false, counts_lost_ = false;
   LeaseHistory leases_;
+  ArrivalWatch arrivals_;
   std::int64_t granted_ns_ = 0;
   std::int64_t dark_since_ns_ = 0;          ///< the laser does not emit although it should; 0: it does
   std::int64_t last_stamp_ns_ = INT64_MIN;  ///< of the newest good frame

@@ -53,6 +53,8 @@ class FakeMachine {
   std::atomic<std::int64_t> stamp_step_us = 0;
   std::atomic<std::int64_t> late_us = 0;  ///< every second frame is exposed so much later, or every one
   std::atomic<bool> all_late = false;
+  /// By how much a frame reaches the driver late, which stamps it then, and those after it not before it.
+  std::function<std::int64_t(std::uint64_t sequence)> arrives_late_us = [](std::uint64_t) { return 0; };
   bool camera_on_side = false;  ///< turned about its optical axis, before anything else is asked of the machine
   // Of the camera's exposure, which is kExposure_us where nobody sets it.
   std::atomic<std::int64_t> exposure_us = kExposure_us;  ///< as the camera stands
@@ -106,6 +108,7 @@ class FakeMachine {
   ControllerCore core_;
   bool streaming_ = false;
   std::uint64_t next_middle_us_ = 0, sequence_ = 0;
+  std::int64_t last_stamp_us_ = 0;
   std::uint32_t dropped_ = 0;
   int lit_moves_ = 0;
   std::int64_t exposing_us_ = kExposure_us;  ///< of the sensor, which follows exposure_us late
