@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <optional>
 
 namespace celadon {
 
@@ -25,24 +24,28 @@ class ArrivalWatch {
   void see(const Exposure& frame) {
     const std::int64_t before_ns = expected_ns_;
     expected_ns_ = frame.began_ns;
-    if (seen_ && frame.sequence > seen_->sequence) {
-      const auto periods = static_cast<double>(frame.sequence - seen_->sequence);
+    if (any_seen_ && frame.sequence > seen_.sequence) {
+      const auto periods = static_cast<double>(frame.sequence - seen_.sequence);
       expected_ns_ = std::min(expected_ns_, before_ns + static_cast<std::int64_t>(periods * kLongest * period()));
     }
     seen_ = frame;
+    any_seen_ = true;
   }
 
   /// Whether the newest frame came later than those before it tell. A camera that made a pause looks alike: then the
   /// next frame decides, by no_later_than().
-  bool may_be_late() const {
-    return seen_ && static_cast<double>(seen_->began_ns - expected_ns_) > kWorthAsking * period();
-  }
+  bool may_be_late() const { return static_cast<double>(seen_.began_ns - expected_ns_) > kWorthAsking * period(); }
 
   /// The latest instant at which a frame's exposure can have begun, given a frame after it. @pre later.sequence is
   /// larger
   std::int64_t no_later_than(const Exposure& frame, const Exposure& later) const {
     const auto periods = static_cast<double>(later.sequence - frame.sequence);
     return std::min(frame.began_ns, later.began_ns - static_cast<std::int64_t>(periods * kShortest * period()));
+  }
+
+  /// Whether a frame that may have come late did, by the frame after it. @pre next.sequence is larger
+  bool is_late(const Exposure& frame, const Exposure& next) const {
+    return static_cast<double>(frame.began_ns - no_later_than(frame, next)) > kShown * period();
   }
 
   /// A frame was found to be on time: what comes is judged by it. @pre it was seen, and `newest` was seen last
@@ -55,11 +58,13 @@ class ArrivalWatch {
  private:
   double period() const { return static_cast<double>(period_ns_); }
 
-  // Of the stated period; and how late a frame may be that no question is asked about, in periods.
-  static constexpr double kShortest = 0.95, kLongest = 1.02, kWorthAsking = 0.1;
+  // Of the stated period; and in periods, how late a frame may be that no question is asked about, and is not called
+  // so.
+  static constexpr double kShortest = 0.95, kLongest = 1.02, kWorthAsking = 0.1, kShown = 0.02;
   std::int64_t period_ns_;
   std::int64_t expected_ns_ = 0;  ///< when the newest exposure began if all came as early as the most punctual one
-  std::optional<Exposure> seen_;
+  Exposure seen_;                 ///< the newest frame
+  bool any_seen_ = false;
 };
 
 }  // namespace celadon

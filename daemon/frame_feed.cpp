@@ -284,7 +284,7 @@ tl::expected<Frame, ScanStop> FrameFeed::next_after(std::int64_t instant_ns) {
         verdict(info, FrameVerdict::stale);
         return std::move(*doubtful);
       }
-      verdict(doubtful->info, FrameVerdict::stale);
+      leave_out_late(doubtful->info);
       ++stale;
       doubtful.reset();
     }
@@ -309,11 +309,6 @@ tl::expected<Frame, ScanStop> FrameFeed::next_after(std::int64_t instant_ns) {
                    " frames in a row whose time stamps lie before the table came to rest; check the calibration's time "
                    "model and the camera's clock.",
                false, true});
-}
-
-void FrameFeed::correct_stamp(Frame& frame, const FrameInfo& later) const {
-  const ArrivalWatch::Exposure exposure = exposure_of(frame.info);
-  frame.info.stamp_ns -= exposure.began_ns - arrivals_.no_later_than(exposure, exposure_of(later));
 }
 
 tl::expected<void, ScanStop> FrameFeed::keep(const Frame& frame, const AngleAtInstant& angle, FrameUse use) {

@@ -80,14 +80,23 @@ class FrameFeed {
   /// stamp says so only because they came late: where one may have, the frame after it tells.
   tl::expected<Frame, ScanStop> next_after(std::int64_t instant_ns);
 
-  /// Puts a frame's stamp back by what the frame after it shows that it came late.
-  void correct_stamp(Frame& frame, const FrameInfo& later) const;
+  /// Whether the newest frame may have come late, so that its stamp is not that of its exposure; the frame after it
+  /// decides.
+  bool may_be_late() const { return arrivals_.may_be_late(); }
+  bool came_late(const FrameInfo& frame, const FrameInfo& next) const {
+    return arrivals_.is_late(exposure_of(frame), exposure_of(next));
+  }
 
   /// Takes frames until the table, which ends its move by itself, stands; a stop after 30 s.
   tl::expected<void, ScanStop> come_to_rest();
 
   /// Writes down what became of a frame.
   void verdict(const FrameInfo& frame, FrameVerdict verdict);
+  /// The same for one that came late.
+  void leave_out_late(const FrameInfo& frame) {
+    verdict(frame, FrameVerdict::stale);
+    ++counts_.late;
+  }
 
   /// Polls the device: heartbeat, button, interlock, position. With a recording only cancels are looked for.
   tl::expected<void, ScanStop> poll();
@@ -100,6 +109,7 @@ class FrameFeed {
     std::int64_t longest_exchange_ns = 0;         ///< of polls, where they say when a position was taken
     std::uint64_t looks_lit = 0, looks_dark = 0;  ///< polls with the laser switched on, and of them without its light
     std::uint64_t unlit = 0;                      ///< frames for which the lease had run out
+    std::uint64_t late = 0;                       ///< frames whose stamps were found to be late
   };
   const Counts& counts() const { return counts_; }
   /// Frames that the driver lost count while the table turns continuously; between two steps nobody looks.

@@ -69,16 +69,21 @@ tl::expected<void, ScanStop> sweep_table(const ScanEquipment& equipment, FrameFe
   const double middle_row = (static_cast<double>(equipment.camera.mode().height_px) - 1) / 2;
   int at_rest = 0;
   std::optional<Frame> newest;  // held back until the one after it tells whether it came late
+  bool newest_doubtful = false;
   while (true) {
     auto next = feed.next();
     if (!next) return tl::make_unexpected(next.error());
+    const bool doubtful = std::exchange(newest_doubtful, feed.may_be_late());
     if (!newest) {
       newest = std::move(*next);
       continue;
     }
     Frame frame = std::exchange(*newest, std::move(*next));
-    feed.correct_stamp(frame, newest->info);
     const FrameInfo info = frame.info;
+    if (doubtful && feed.came_late(info, newest->info)) {
+      feed.leave_out_late(info);
+      continue;
+    }
     const std::int64_t middle_ns = triangulator.row_instant_ns(info, middle_row);
     const auto angle = feed.timeline().at(middle_ns);
     at_rest = feed.status().motion == MotionState::moving ? 0 : at_rest + 1;

@@ -304,7 +304,7 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     shot.exposure_sure = exposure_sure;
     shot.claimed_us = exposure_us;  // drivers know no more than what was asked
     shot.stamp_us = static_cast<std::int64_t>(now_us_) + shot.exposure_us / 2;
-    last_stamp_us_ = shot.stamp_us = std::max(shot.stamp_us + arrives_late_us(sequence), last_stamp_us_ + 1);
+    last_stamp_us_ = shot.stamp_us = std::max(stamped_us(shot.stamp_us), last_stamp_us_ + 1);
     const double turned_deg = static_cast<double>(plant_.axis(0, now_us_).position_udeg) * 1e-6;
     // A slip: the object lags behind the encoder, more with every turn.
     shot.angle_rad = turned_deg * (1 - slip_per_turn_deg / 360) * std::numbers::pi / 180;

@@ -53,8 +53,10 @@ class FakeMachine {
   std::atomic<std::int64_t> stamp_step_us = 0;
   std::atomic<std::int64_t> late_us = 0;  ///< every second frame is exposed so much later, or every one
   std::atomic<bool> all_late = false;
-  /// By how much a frame reaches the driver late, which stamps it then, and those after it not before it.
-  std::function<std::int64_t(std::uint64_t sequence)> arrives_late_us = [](std::uint64_t) { return 0; };
+  /// When a driver on a busy computer stamps a frame that was read out at an instant of the device's clock.
+  std::function<std::int64_t(std::int64_t read_out_us)> stamped_us = [](std::int64_t read_out_us) {
+    return read_out_us;
+  };
   bool camera_on_side = false;  ///< turned about its optical axis, before anything else is asked of the machine
   // Of the camera's exposure, which is kExposure_us where nobody sets it.
   std::atomic<std::int64_t> exposure_us = kExposure_us;  ///< as the camera stands

@@ -86,14 +86,17 @@ struct Errors {
   std::size_t profiles = 0, samples = 0;
 };
 
-/// What samples of a scan miss the body by, when a tenth of the frames come up to 0.3 s late.
+/// What samples of a scan miss the body by when the computer stands still for up to 0.3 s every 0.7 s.
 Errors errors_of(ScanMode mode, int profiles, std::uint32_t seed) {
   FakeMachine machine;
   machine.shape = body;
-  machine.arrives_late_us = [seed](std::uint64_t sequence) -> std::int64_t {
-    std::mt19937 random(seed + static_cast<std::uint32_t>(sequence) * 7919);
-    std::uniform_int_distribution<int> one_of(0, 9), late_us(5'000, 300'000);
-    return one_of(random) == 0 ? late_us(random) : 0;
+  machine.stamped_us = [seed](std::int64_t read_out_us) {
+    constexpr std::int64_t kEvery_us = 700'000;
+    const std::int64_t number = read_out_us / kEvery_us, within_us = read_out_us % kEvery_us;
+    std::mt19937 random(seed + static_cast<std::uint32_t>(number) * 7919);
+    const std::int64_t begin_us = std::uniform_int_distribution<int>(0, 300'000)(random);
+    const std::int64_t end_us = begin_us + std::uniform_int_distribution<int>(5'000, 300'000)(random);
+    return within_us >= begin_us && within_us < end_us ? number * kEvery_us + end_us : read_out_us;
   };
   const TemporaryFolder folder;
   const Calibration calibration = machine.calibration();
@@ -136,10 +139,10 @@ TEST(LateFrames, OfATableThatMovedYetAreNoneOfItAtRest) {
   }
 }
 
-TEST(LateFrames, OfASweepBelongToTheAngleAtTheirExposure) {
+TEST(LateFrames, OfASweepAreLeftOut) {
   for (const std::uint32_t seed : {1U, 2U, 3U, 4U}) {
     const Errors errors = errors_of(ScanMode::sweep, 180, seed);
-    EXPECT_GE(errors.profiles, 150) << seed;
+    EXPECT_GE(errors.profiles, 90) << seed;  // of the others most do not find a buffer
     EXPECT_LT(errors.max_mm, 0.2) << seed;
   }
 }
