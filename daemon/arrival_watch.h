@@ -33,19 +33,13 @@ class ArrivalWatch {
   }
 
   /// Whether the newest frame came later than those before it tell. A camera that made a pause looks alike: then the
-  /// next frame decides, by no_later_than().
+  /// next frame decides, by is_late().
   bool may_be_late() const { return static_cast<double>(seen_.began_ns - expected_ns_) > kWorthAsking * period(); }
 
-  /// The latest instant at which a frame's exposure can have begun, given a frame after it. @pre later.sequence is
-  /// larger
-  std::int64_t no_later_than(const Exposure& frame, const Exposure& later) const {
-    const auto periods = static_cast<double>(later.sequence - frame.sequence);
-    return std::min(frame.began_ns, later.began_ns - static_cast<std::int64_t>(periods * kShortest * period()));
-  }
-
-  /// Whether a frame that may have come late did, by the frame after it. @pre next.sequence is larger
+  /// Whether a frame that may have come late did: the one after it follows too soon. @pre next.sequence is larger
   bool is_late(const Exposure& frame, const Exposure& next) const {
-    return static_cast<double>(frame.began_ns - no_later_than(frame, next)) > kShown * period();
+    const auto periods = static_cast<double>(next.sequence - frame.sequence);
+    return static_cast<double>(next.began_ns - frame.began_ns) < (periods * kShortest - kShown) * period();
   }
 
   /// A frame was found to be on time: what comes is judged by it. @pre it was seen, and `newest` was seen last

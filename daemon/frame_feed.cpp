@@ -277,10 +277,8 @@ tl::expected<Frame, ScanStop> FrameFeed::next_after(std::int64_t instant_ns) {
     const FrameInfo& info = frame->info;
     const ArrivalWatch::Exposure exposure = exposure_of(info);
     if (doubtful) {
-      ArrivalWatch::Exposure before = exposure_of(doubtful->info);
-      before.began_ns = arrivals_.no_later_than(before, exposure);
-      if (before.began_ns >= instant_ns) {
-        arrivals_.trust(before, exposure);
+      if (!came_late(doubtful->info, info)) {
+        arrivals_.trust(exposure_of(doubtful->info), exposure);
         verdict(info, FrameVerdict::stale);
         return std::move(*doubtful);
       }

@@ -74,7 +74,7 @@ class FakeClock final : public Clock {
 
 class FakeCamera final : public FrameSource, public FrameReturn {
  public:
-  explicit FakeCamera(FakeMachine& machine) : machine_(machine), buffers_(FakeMachine::kBuffers) {
+  explicit FakeCamera(FakeMachine& machine) : machine_(machine), buffers_(machine.buffers) {
     mode_.width_px = FakeMachine::kWidth;
     mode_.height_px = FakeMachine::kHeight;
     if (machine.camera_on_side) std::swap(mode_.width_px, mode_.height_px);
@@ -294,7 +294,7 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     exposures_us_.push_back(exposing_us_);
     next_middle_us_ += kPeriod_us;
     if (all_late || sequence % 2 == 1) next_middle_us_ += static_cast<std::uint64_t>(late_us.load());
-    if (shots_.size() >= kBuffers || camera_silent) {
+    if (shots_.size() >= buffers || camera_silent) {
       ++dropped_;
       continue;
     }

@@ -24,7 +24,6 @@ class FakeMachine {
   static constexpr int kWidth = 320, kHeight = 240;
   static constexpr std::int64_t kPeriod_us = 20'000, kExposure_us = 4'000, kRequest_us = 300;
   static constexpr std::int64_t kHostOffset_ns = 5'000'000'000;  ///< host clock at device time 0
-  static constexpr std::size_t kBuffers = 4;  ///< of the driver; when all are full, newer frames are lost
 
   /// @param features  bits of the turntable's, beside the usual ones
   /// @param travel_deg  of the table; 0: it turns without end
@@ -57,6 +56,7 @@ class FakeMachine {
   std::function<std::int64_t(std::int64_t read_out_us)> stamped_us = [](std::int64_t read_out_us) {
     return read_out_us;
   };
+  std::size_t buffers = 4;      ///< of the driver; when all are full, newer frames are lost; set before anything else
   bool camera_on_side = false;  ///< turned about its optical axis, before anything else is asked of the machine
   // Of the camera's exposure, which is kExposure_us where nobody sets it.
   std::atomic<std::int64_t> exposure_us = kExposure_us;  ///< as the camera stands

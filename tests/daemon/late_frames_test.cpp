@@ -42,7 +42,7 @@ std::vector<Arrival> arrivals(std::int64_t period_ns, double share_late, std::ui
   return frames;
 }
 
-RC_GTEST_PROP(ArrivalWatch, LateFramesAreAskedAboutAndTheNextPunctualOneTells, (std::uint32_t seed)) {
+RC_GTEST_PROP(ArrivalWatch, LateFramesAreAskedAboutAndTheNextOneTells, (std::uint32_t seed)) {
   const auto period_ns = static_cast<std::int64_t>(1e6) * *rc::gen::inRange(2, 200);
   const auto period = static_cast<double>(period_ns);
   const auto frames = arrivals(period_ns, 0.1, seed);
@@ -55,11 +55,12 @@ RC_GTEST_PROP(ArrivalWatch, LateFramesAreAskedAboutAndTheNextPunctualOneTells, (
     if (!watch.may_be_late()) RC_ASSERT(static_cast<double>(frame.late_ns()) <= (0.1 + 0.03 * since) * period);
     if (frame.late_ns() <= 1000) punctual = frame.seen.sequence;
     if (frame.late_ns() <= 1000) RC_ASSERT(!watch.may_be_late());
-    if (i + 1 == frames.size() || frames[i + 1].late_ns() > 1000) continue;
+    if (i + 1 == frames.size() || frames[i + 1].late_ns() > frame.late_ns()) continue;
+    const auto sooner = static_cast<double>(frame.late_ns() - frames[i + 1].late_ns());
     const auto periods = static_cast<double>(frames[i + 1].seen.sequence - frame.seen.sequence);
-    const std::int64_t told_ns = watch.no_later_than(frame.seen, frames[i + 1].seen);
-    RC_ASSERT(static_cast<double>(told_ns - frame.exposed_ns) <= 0.05 * periods * period + 1001);
-    RC_ASSERT(told_ns >= frame.exposed_ns);
+    const bool late = watch.is_late(frame.seen, frames[i + 1].seen);
+    if (sooner > (0.03 + 0.05 * periods) * period) RC_ASSERT(late);
+    if (frame.late_ns() <= 1000) RC_ASSERT(!late);
   }
 }
 
@@ -69,7 +70,7 @@ TEST(ArrivalWatch, ACameraThatMadeAPauseIsNotLateOnceTheNextFrameCame) {
   watch.see({0, 0});
   watch.see({1, 90'000'000});
   EXPECT_TRUE(watch.may_be_late());
-  EXPECT_EQ(watch.no_later_than({1, 90'000'000}, {2, 130'000'000}), 90'000'000);
+  EXPECT_FALSE(watch.is_late({1, 90'000'000}, {2, 130'000'000}));
   watch.trust({1, 90'000'000}, {2, 130'000'000});
   EXPECT_FALSE(watch.may_be_late());
   watch.see({3, 170'000'000});
@@ -83,13 +84,14 @@ double body(double theta_rad, double /*z_mm*/) {
 
 struct Errors {
   double max_mm = 0;
-  std::size_t profiles = 0, samples = 0;
+  std::size_t profiles = 0, smallest_profile = 1000;
 };
 
 /// What samples of a scan miss the body by when the computer stands still for up to 0.3 s every 0.7 s.
 Errors errors_of(ScanMode mode, int profiles, std::uint32_t seed) {
   FakeMachine machine;
   machine.shape = body;
+  machine.buffers = 64;  // none is full of frames from before the move
   machine.stamped_us = [seed](std::int64_t read_out_us) {
     constexpr std::int64_t kEvery_us = 700'000;
     const std::int64_t number = read_out_us / kEvery_us, within_us = read_out_us % kEvery_us;
@@ -121,26 +123,28 @@ Errors errors_of(ScanMode mode, int profiles, std::uint32_t seed) {
   auto log = ProfileLogReader::open(task.log_file);
   for (const Profile* profile = nullptr; log && (profile = (*log)->next()) != nullptr;) {
     ++errors.profiles;
+    errors.smallest_profile = std::min(errors.smallest_profile, profile->size());
     for (std::size_t i = 0; i < profile->size(); ++i) {
       const double error = profile->r_mm[i] - body(profile->theta_rad[i], profile->z_mm[i]);
       errors.max_mm = std::max(errors.max_mm, std::abs(error));
-      ++errors.samples;
     }
   }
+  std::printf("%zu profiles, %zu samples at least, off by %.4f mm at most\n", errors.profiles, errors.smallest_profile,
+              errors.max_mm);
   return errors;
 }
 
 TEST(LateFrames, OfATableThatMovedYetAreNoneOfItAtRest) {
-  for (const std::uint32_t seed : {1U, 2U, 3U, 4U}) {
-    const Errors errors = errors_of(ScanMode::step, 24, seed);
-    EXPECT_EQ(errors.profiles, 24) << seed;
-    EXPECT_GT(errors.samples, 2000) << seed;
+  for (const std::uint32_t seed : {1U, 2U}) {
+    const Errors errors = errors_of(ScanMode::step, 60, seed);
+    EXPECT_EQ(errors.profiles, 60) << seed;
+    EXPECT_GT(errors.smallest_profile, 200) << seed;
     EXPECT_LT(errors.max_mm, 0.2) << seed;
   }
 }
 
 TEST(LateFrames, OfASweepAreLeftOut) {
-  for (const std::uint32_t seed : {1U, 2U, 3U, 4U}) {
+  for (const std::uint32_t seed : {1U, 2U}) {
     const Errors errors = errors_of(ScanMode::sweep, 180, seed);
     EXPECT_GE(errors.profiles, 90) << seed;  // of the others most do not find a buffer
     EXPECT_LT(errors.max_mm, 0.2) << seed;
