@@ -68,10 +68,10 @@ file(CONFIGURE OUTPUT "${PROJECT_BINARY_DIR}/generated/tests/build_paths.h" CONT
 #define CELADON_SOURCE_DIR "@PROJECT_SOURCE_DIR@"
 ]] @ONLY)
 
-# celadon_test(NAME SOURCES ... LINK ... [LABELS ...] [UNITY]) makes a GoogleTest program and registers each of its tests. UNITY:
-# its sources share no name, and may be compiled together where libraries are.
+# celadon_test(NAME SOURCES ... LINK ... [LABELS ...] [APART ...]) makes a GoogleTest program and registers each of its tests. APART:
+# of its sources those that name alike what another has too; they are not compiled together with the others.
 function(celadon_test name)
-  cmake_parse_arguments(arg "UNITY" "TIMEOUT" "SOURCES;LINK;LABELS" ${ARGN})
+  cmake_parse_arguments(arg "" "TIMEOUT" "SOURCES;LINK;LABELS;APART" ${ARGN})
   if(NOT arg_TIMEOUT)
     set(arg_TIMEOUT 300)
   endif()
@@ -80,9 +80,7 @@ function(celadon_test name)
   target_link_libraries(${name} PRIVATE ${arg_LINK} GTest::gtest GTest::gmock GTest::gtest_main)
   target_compile_options(${name} PRIVATE ${test_optimisation})
   target_precompile_headers(${name} REUSE_FROM celadon_test_headers)
-  if(NOT arg_UNITY)
-    set_target_properties(${name} PROPERTIES UNITY_BUILD OFF)  # tests may name alike what is alike
-  endif()
+  set_source_files_properties(${arg_APART} PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON)
   target_include_directories(${name} PRIVATE "${PROJECT_BINARY_DIR}/generated")
   if("threads" IN_LIST arg_LABELS)
     add_dependencies(tsan_tests ${name})

@@ -71,7 +71,8 @@ FrameFeed::FrameFeed(const ScanEquipment& equipment, ScanObserver& observer, con
       timeline_(equipment.device != nullptr ? equipment.device->capabilities().encoder_resolution_rad : 0,
                 equipment.device != nullptr && equipment.device->capabilities().stamped_by_host
                     ? StampedBy::host
-                    : StampedBy::controller) {}
+                    : StampedBy::controller),
+      arrivals_(equipment.camera.mode().frame_period_ns) {}
 
 FrameFeed::~FrameFeed() {
   equipment_.camera.stop();
@@ -192,6 +193,10 @@ std::optional<ScanStop> FrameFeed::wrong_stamp(const FrameInfo& frame) const {
                   false, true};
 }
 
+ArrivalWatch::Exposure FrameFeed::exposure_of(const FrameInfo& frame) const {
+  return {frame.sequence, triangulator_.row_instant_ns(frame, 0) - frame.exposure_ns / 2};
+}
+
 /// A loop that gets frames more slowly than the lease lasts sees some of them without the laser.
 LeaseHistory::Light FrameFeed::light_on(const FrameInfo& frame) const {
   if (!lit_) return LeaseHistory::Light::on;  // nobody asked for it
@@ -245,6 +250,7 @@ tl::expected<Frame, ScanStop> FrameFeed::next_whole() {
     if (good) {
       if (auto stop = wrong_stamp(frame->info)) return tl::make_unexpected(*stop);
       last_stamp_ns_ = frame->info.stamp_ns;
+      arrivals_.see(exposure_of(frame->info));
       return std::move(*frame);
     }
     silent_ns += frame ? period_ns : wait_ns;
@@ -264,20 +270,33 @@ tl::expected<Frame, ScanStop> FrameFeed::next_whole() {
 }
 
 tl::expected<Frame, ScanStop> FrameFeed::next_after(std::int64_t instant_ns) {
+  std::optional<Frame> doubtful;  // good but for its stamp, which the next frame confirms
   for (int stale = 0, unlit = 0; stale < kMostStaleFrames;) {
     auto frame = next_whole();
     if (!frame) return frame;
     const FrameInfo& info = frame->info;
+    const ArrivalWatch::Exposure exposure = exposure_of(info);
+    if (doubtful) {
+      if (!came_late(doubtful->info, info)) {
+        arrivals_.trust(exposure_of(doubtful->info), exposure);
+        verdict(info, FrameVerdict::stale);
+        return std::move(*doubtful);
+      }
+      leave_out_late(doubtful->info);
+      ++stale;
+      doubtful.reset();
+    }
     const LeaseHistory::Light light = light_on(info);
     const bool other_exposure = exposure_in_force_ns_ != 0 && info.exposure_ns != exposure_in_force_ns_;
-    if (!info.exposure_sure || other_exposure ||
-        triangulator_.row_instant_ns(info, 0) - info.exposure_ns / 2 < instant_ns ||
+    if (!info.exposure_sure || other_exposure || exposure.began_ns < instant_ns ||
         light == LeaseHistory::Light::warming_up) {
       verdict(info, FrameVerdict::stale);
       ++stale;
     } else if (light == LeaseHistory::Light::not_sure) {
       verdict(info, FrameVerdict::unlit);
       if (auto stop = too_slow(++unlit, info)) return tl::make_unexpected(*stop);
+    } else if (arrivals_.may_be_late()) {
+      doubtful = std::move(*frame);
     } else {
       return frame;
     }

@@ -10,6 +10,7 @@
 #include "acquisition/angle_timeline.h"
 #include "acquisition/axis_stop.h"
 #include "acquisition/recording.h"
+#include "daemon/arrival_watch.h"
 #include "daemon/lease_history.h"
 #include "daemon/profile_log.h"
 #include "daemon/scan_job.h"
@@ -75,14 +76,27 @@ class FrameFeed {
   /// other, when time stamps cannot be, or when the device is not fit to scan.
   tl::expected<Frame, ScanStop> next();
   /// The same, but frames whose exposure began before an instant of the host clock, or while the laser warmed up, or
-  /// which have another exposure than expose_for() asked for, are dropped and counted as stale.
+  /// which have another exposure than expose_for() asked for, are dropped and counted as stale. So are those whose
+  /// stamp says so only because they came late: where one may have, the frame after it tells.
   tl::expected<Frame, ScanStop> next_after(std::int64_t instant_ns);
+
+  /// Whether the newest frame may have come late, so that its stamp is not that of its exposure; the frame after it
+  /// decides.
+  bool may_be_late() const { return arrivals_.may_be_late(); }
+  bool came_late(const FrameInfo& frame, const FrameInfo& next) const {
+    return arrivals_.is_late(exposure_of(frame), exposure_of(next));
+  }
 
   /// Takes frames until the table, which ends its move by itself, stands; a stop after 30 s.
   tl::expected<void, ScanStop> come_to_rest();
 
   /// Writes down what became of a frame.
   void verdict(const FrameInfo& frame, FrameVerdict verdict);
+  /// The same for one that came late.
+  void leave_out_late(const FrameInfo& frame) {
+    verdict(frame, FrameVerdict::stale);
+    ++counts_.late;
+  }
 
   /// Polls the device: heartbeat, button, interlock, position. With a recording only cancels are looked for.
   tl::expected<void, ScanStop> poll();
@@ -95,6 +109,7 @@ class FrameFeed {
     std::int64_t longest_exchange_ns = 0;         ///< of polls, where they say when a position was taken
     std::uint64_t looks_lit = 0, looks_dark = 0;  ///< polls with the laser switched on, and of them without its light
     std::uint64_t unlit = 0;                      ///< frames for which the lease had run out
+    std::uint64_t late = 0;                       ///< frames whose stamps were found to be late
   };
   const Counts& counts() const { return counts_; }
   /// Frames that the driver lost count while the table turns continuously; between two steps nobody looks.
@@ -107,6 +122,7 @@ class FrameFeed {
   std::optional<ScanStop> dark_laser();
   tl::expected<Frame, ScanStop> next_whole();
   LeaseHistory::Light light_on(const FrameInfo& frame) const;
+  ArrivalWatch::Exposure exposure_of(const FrameInfo& frame) const;
   std::optional<ScanStop> too_slow(int unlit_frames, const FrameInfo& frame) const;
   std::optional<ScanStop> wrong_stamp(const FrameInfo& frame) const;
 
@@ -124,6 +140,7 @@ class FrameFeed {
   Counts counts_;
   bool lit_ = false, counts_lost_ = false;
   LeaseHistory leases_;
+  ArrivalWatch arrivals_;
   std::int64_t granted_ns_ = 0;
   std::int64_t dark_since_ns_ = 0;          ///< the laser does not emit although it should; 0: it does
   std::int64_t last_stamp_ns_ = INT64_MIN;  ///< of the newest good frame

@@ -138,6 +138,11 @@ class Intake {
                                 " corrupt of " + std::to_string(c.frames + c.lost) +
                                 "; check the camera's cable, its bandwidth and the load of this computer.");
     }
+    if (static_cast<double>(c.late) > kLossWorthTelling * static_cast<double>(c.frames)) {
+      result.warnings.push_back(std::to_string(c.late) + " of " + std::to_string(c.frames) +
+                                " frames reached the driver so late that their time stamps are wrong, and were left "
+                                "out; take load off this computer or its USB.");
+    }
     if (c.unlit > 0) {
       result.warnings.push_back("The laser's lease had run out at " + std::to_string(c.unlit) + " of " +
                                 std::to_string(c.frames) +

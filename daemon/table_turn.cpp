@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <numbers>
+#include <optional>
 #include <utility>
 
 namespace celadon {
@@ -67,10 +68,22 @@ tl::expected<void, ScanStop> sweep_table(const ScanEquipment& equipment, FrameFe
     return tl::make_unexpected(stop_of(moving.error()));
   const double middle_row = (static_cast<double>(equipment.camera.mode().height_px) - 1) / 2;
   int at_rest = 0;
+  std::optional<Frame> newest;  // held back until the one after it tells whether it came late
+  bool newest_doubtful = false;
   while (true) {
-    auto frame = feed.next();
-    if (!frame) return tl::make_unexpected(frame.error());
-    const FrameInfo info = frame->info;
+    auto next = feed.next();
+    if (!next) return tl::make_unexpected(next.error());
+    const bool doubtful = std::exchange(newest_doubtful, feed.may_be_late());
+    if (!newest) {
+      newest = std::move(*next);
+      continue;
+    }
+    Frame frame = std::exchange(*newest, std::move(*next));
+    const FrameInfo info = frame.info;
+    if (doubtful && feed.came_late(info, newest->info)) {
+      feed.leave_out_late(info);
+      continue;
+    }
     const std::int64_t middle_ns = triangulator.row_instant_ns(info, middle_row);
     const auto angle = feed.timeline().at(middle_ns);
     at_rest = feed.status().motion == MotionState::moving ? 0 : at_rest + 1;
@@ -92,7 +105,7 @@ tl::expected<void, ScanStop> sweep_table(const ScanEquipment& equipment, FrameFe
       feed.verdict(info, FrameVerdict::outside_turn);
       continue;
     }
-    if (auto taken = take(std::move(*frame), {*angle, middle_ns}, turned); !taken) return taken;
+    if (auto taken = take(std::move(frame), {*angle, middle_ns}, turned); !taken) return taken;
   }
 }
 

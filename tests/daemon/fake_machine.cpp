@@ -74,7 +74,7 @@ class FakeClock final : public Clock {
 
 class FakeCamera final : public FrameSource, public FrameReturn {
  public:
-  explicit FakeCamera(FakeMachine& machine) : machine_(machine), pixels_(FakeMachine::kWidth * FakeMachine::kHeight) {
+  explicit FakeCamera(FakeMachine& machine) : machine_(machine), buffers_(machine.buffers) {
     mode_.width_px = FakeMachine::kWidth;
     mode_.height_px = FakeMachine::kHeight;
     if (machine.camera_on_side) std::swap(mode_.width_px, mode_.height_px);
@@ -94,10 +94,16 @@ class FakeCamera final : public FrameSource, public FrameReturn {
   void stop() noexcept override { machine_.stream(false); }
   tl::expected<Frame, CameraError> next(std::int64_t timeout_ns) override {
     if (machine_.camera_unplugged) return unplugged();
+    const auto free = std::find_if(buffers_.begin(), buffers_.end(), [](const Buffer& buffer) { return !buffer.lent; });
+    if (free == buffers_.end()) {
+      return tl::make_unexpected(CameraError{CameraError::Kind::busy, 0, "fake: all buffers are lent"});
+    }
     const auto shot = machine_.take_shot(timeout_ns / 1000);
     if (!shot) return tl::make_unexpected(CameraError{CameraError::Kind::timed_out, 0, "no frame in time"});
-    machine_.draw(*shot, pixels_.data());
-    if (machine_.camera_on_side) pixels_ = turned(pixels_, FakeMachine::kWidth, FakeMachine::kHeight);
+    free->pixels.resize(FakeMachine::kWidth * FakeMachine::kHeight);
+    machine_.draw(*shot, free->pixels.data());
+    if (machine_.camera_on_side) free->pixels = turned(free->pixels, FakeMachine::kWidth, FakeMachine::kHeight);
+    free->lent = true;
     FrameInfo info;
     info.sequence = shot->sequence;
     info.stamp_ns = (shot->stamp_us + machine_.stamp_step_us) * 1000 + FakeMachine::kHostOffset_ns;
@@ -106,7 +112,7 @@ class FakeCamera final : public FrameSource, public FrameReturn {
     info.lost_before = shot->lost_before;
     const int every = machine_.corrupt_every;
     info.corrupt = every > 0 && shot->sequence % static_cast<std::uint64_t>(every) == 0;
-    return Frame(this, 0, pixels_, info);
+    return Frame(this, static_cast<std::uint32_t>(free - buffers_.begin()), free->pixels, info);
   }
   tl::expected<void, CameraError> check_present() const override {
     if (machine_.camera_unplugged) return unplugged();
@@ -128,7 +134,7 @@ class FakeCamera final : public FrameSource, public FrameReturn {
     found_us_.reset();
     mode_.exposure_ns = machine_.exposure_us * 1000;
   }
-  void give_back(std::uint32_t) noexcept override {}
+  void give_back(std::uint32_t index) noexcept override { buffers_[index].lent = false; }
 
  private:
   static tl::unexpected<CameraError> unplugged() {
@@ -137,7 +143,11 @@ class FakeCamera final : public FrameSource, public FrameReturn {
   FakeMachine& machine_;
   CameraMode mode_;
   std::optional<std::int64_t> found_us_;  ///< before the first set_exposure()
-  std::vector<std::uint8_t> pixels_;
+  struct Buffer {
+    std::vector<std::uint8_t> pixels;
+    bool lent = false;
+  };
+  std::vector<Buffer> buffers_;
 };
 
 Measured exact(double value) {
@@ -289,7 +299,7 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     exposures_us_.push_back(exposing_us_);
     next_middle_us_ += kPeriod_us;
     if (all_late || sequence % 2 == 1) next_middle_us_ += static_cast<std::uint64_t>(late_us.load());
-    if (shots_.size() >= kBuffers || camera_silent) {
+    if (shots_.size() >= buffers || camera_silent) {
       ++dropped_;
       continue;
     }
@@ -299,6 +309,7 @@ void FakeMachine::advance_locked(std::uint64_t time_us) {
     shot.exposure_sure = exposure_sure;
     shot.claimed_us = exposure_us;  // drivers know no more than what was asked
     shot.stamp_us = static_cast<std::int64_t>(now_us_) + shot.exposure_us / 2;
+    last_stamp_us_ = shot.stamp_us = std::max(stamped_us(shot.stamp_us), last_stamp_us_ + 1);
     const double turned_deg = static_cast<double>(plant_.axis(0, now_us_).position_udeg) * 1e-6;
     // A slip: the object lags behind the encoder, more with every turn.
     shot.angle_rad = turned_deg * (1 - slip_per_turn_deg / 360) * std::numbers::pi / 180;

@@ -24,7 +24,6 @@ class FakeMachine {
   static constexpr int kWidth = 320, kHeight = 240;
   static constexpr std::int64_t kPeriod_us = 20'000, kExposure_us = 4'000, kRequest_us = 300;
   static constexpr std::int64_t kHostOffset_ns = 5'000'000'000;  ///< host clock at device time 0
-  static constexpr std::size_t kBuffers = 4;  ///< of the driver; when all are full, newer frames are lost
 
   /// @param features  bits of the turntable's, beside the usual ones
   /// @param travel_deg  of the table; 0: it turns without end
@@ -53,6 +52,11 @@ class FakeMachine {
   std::atomic<std::int64_t> stamp_step_us = 0;
   std::atomic<std::int64_t> late_us = 0;  ///< every second frame is exposed so much later, or every one
   std::atomic<bool> all_late = false;
+  /// When a driver on a busy computer stamps a frame that was read out at an instant of the device's clock.
+  std::function<std::int64_t(std::int64_t read_out_us)> stamped_us = [](std::int64_t read_out_us) {
+    return read_out_us;
+  };
+  std::size_t buffers = 4;      ///< of the driver; when all are full, newer frames are lost; set before anything else
   bool camera_on_side = false;  ///< turned about its optical axis, before anything else is asked of the machine
   // Of the camera's exposure, which is kExposure_us where nobody sets it.
   std::atomic<std::int64_t> exposure_us = kExposure_us;  ///< as the camera stands
@@ -106,6 +110,7 @@ class FakeMachine {
   ControllerCore core_;
   bool streaming_ = false;
   std::uint64_t next_middle_us_ = 0, sequence_ = 0;
+  std::int64_t last_stamp_us_ = 0;
   std::uint32_t dropped_ = 0;
   int lit_moves_ = 0;
   std::int64_t exposing_us_ = kExposure_us;  ///< of the sensor, which follows exposure_us late
