@@ -40,6 +40,14 @@ bool limited_range(const v4l2_pix_format& pixels) {
          (told == V4L2_QUANTIZATION_DEFAULT && pixels.colorspace != V4L2_COLORSPACE_JPEG);
 }
 
+/// What the driver says of the colours of a format that is read in place.
+ColourCoding colour_in(ColourLayout layout, std::size_t stride_bytes, const v4l2_pix_format& pixels) {
+  const auto told = static_cast<v4l2_ycbcr_encoding>(pixels.ycbcr_enc);
+  const bool bt709 = told == V4L2_YCBCR_ENC_709 || told == V4L2_YCBCR_ENC_XV709 ||
+                     (told == V4L2_YCBCR_ENC_DEFAULT && pixels.colorspace == V4L2_COLORSPACE_REC709);
+  return {layout, stride_bytes, bt709 ? LumaWeights::bt709 : LumaWeights::bt601, limited_range(pixels)};
+}
+
 /// What to do about a camera that is in use.
 std::string close_other(const std::string& path) {
   const std::string holders = holders_of(path);
@@ -141,8 +149,11 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   v4l2_memory memory_ = V4L2_MEMORY_MMAP;
   std::size_t least_bytes_ = 0;  ///< of a whole frame in the driver's buffer
   std::vector<Buffer> buffers_;
-  std::unique_ptr<PictureDecoder> decoder_;         ///< nullptr: frames are used in place
-  std::vector<std::vector<std::uint8_t>> decoded_;  ///< as many as buffers
+  std::unique_ptr<PictureDecoder> decoder_;  ///< nullptr: frames are used in place
+  struct Decoded {
+    std::vector<std::uint8_t> grey, colour;
+  };
+  std::vector<Decoded> decoded_;  ///< as many as buffers
   LeaseBook leases_;
   bool streaming_ = false, requested_ = false, has_sequence_ = false;
   std::uint64_t last_sequence_ = 0;
@@ -244,6 +255,18 @@ tl::expected<void, CameraError> V4l2Source::set_format(const V4l2Address& addres
   decoder_ = PictureDecoder::of(fourcc, static_cast<int>(pixels.width), static_cast<int>(pixels.height), stride_bytes);
   mode_.stride_bytes = decoder_ ? pixels.width : stride_bytes;
   least_bytes_ = decoder_ ? decoder_->least_bytes() : stride_bytes * pixels.height;
+  if (decoder_ != nullptr) {
+    // A JPEG is of BT.601 and full range, whatever the driver says.
+    const bool jpeg = !packed;
+    mode_.colour = jpeg ? ColourCoding{decoder_->colour_layout(), pixels.width}
+                        : colour_in(decoder_->colour_layout(), pixels.width, pixels);
+  } else if (yuyv) {
+    mode_.colour = colour_in(ColourLayout::yuyv, 0, pixels);
+  } else if (fourcc == V4L2_PIX_FMT_NV12 && pixels.height % 2 == 0) {
+    // The plane of chroma follows that of luma, with rows as long.
+    least_bytes_ += stride_bytes * pixels.height / 2;
+    mode_.colour = colour_in(ColourLayout::uv_cells, stride_bytes, pixels);
+  }
   if (pixels.width < 8 || pixels.width > 65535 || pixels.height < 2 || pixels.height > 65535 ||
       least_bytes_ > pixels.sizeimage) {
     return tl::unexpected(
@@ -315,7 +338,9 @@ tl::expected<void, CameraError> V4l2Source::get_buffers() {
   leases_.resize(buffers_.size());
   if (decoder_ != nullptr) {
     const std::size_t bytes = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
-    decoded_.assign(buffers_.size(), std::vector<std::uint8_t>(bytes));
+    const bool coloured = mode_.colour.layout != ColourLayout::none;
+    decoded_.assign(buffers_.size(),
+                    {std::vector<std::uint8_t>(bytes), std::vector<std::uint8_t>(coloured ? bytes : 0)});
   }
   return {};
 }
@@ -422,22 +447,27 @@ tl::expected<Frame, CameraError> V4l2Source::lend(const v4l2_buffer& buffer) {
   has_sequence_ = true;
   if (decoder_ != nullptr) return lend_decoded(buffer, info);
   leases_.lend(buffer.index);
-  return Frame(this, buffer.index, {static_cast<const std::uint8_t*>(buffers_[buffer.index].address), least_bytes_},
-               info);
+  const std::span bytes(static_cast<const std::uint8_t*>(buffers_[buffer.index].address), least_bytes_);
+  const std::size_t own = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
+  return Frame(this, buffer.index, bytes.first(own), info, bytes.subspan(own));
 }
 
 tl::expected<Frame, CameraError> V4l2Source::lend_decoded(const v4l2_buffer& buffer, FrameInfo info) {
   std::uint32_t slot = 0;
   while (leases_.is_lent(slot)) ++slot;  // next() saw that one is free
-  std::vector<std::uint8_t>& grey = decoded_[slot];
+  Decoded& into = decoded_[slot];
+  std::span<const std::uint8_t> colour;
   const Buffer& from = buffers_[buffer.index];
   const std::size_t used = std::min<std::size_t>(buffer.bytesused, from.size);
-  if (!info.corrupt && !decoder_->decode({static_cast<const std::uint8_t*>(from.address), used}, grey)) {
-    info.corrupt = true;
+  if (!info.corrupt) {
+    const auto decoded =
+        decoder_->decode({static_cast<const std::uint8_t*>(from.address), used}, into.grey, into.colour);
+    if (decoded && *decoded) colour = into.colour;
+    info.corrupt = !decoded;
   }
   static_cast<void>(queue(buffer.index));
   leases_.lend(slot);
-  return Frame(this, slot, grey, info);
+  return Frame(this, slot, into.grey, info, colour);
 }
 
 }  // namespace

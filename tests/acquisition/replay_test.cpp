@@ -190,7 +190,7 @@ TEST_F(Recording, a_broken_index_is_refused_with_its_line) {
   write_index("a.pgm,0,0,0,1,new\n", "camera,T\n");
   EXPECT_THAT(refusal(), HasSubstr("6 fields"));
   write("index.csv",
-        "celadon-recording,1.4\ncamera,T\nfps,3\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\na.pgm,0,0,0,1,turn,0,"
+        "celadon-recording,1.5\ncamera,T\nfps,3\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\na.pgm,0,0,0,1,turn,0,"
         "0,0,1,0,0,new\n");
   EXPECT_TRUE(open_frame_source(url()));
 }
