@@ -225,6 +225,18 @@ TEST(SurfaceColour, OneSaturatedPixelSpoilsItsSide) {
   }
 }
 
+TEST(SurfaceColour, TheCamerasOwnSaturatedLevelCounts) {
+  for (const ColourLayout layout : {ColourLayout::yuyv, ColourLayout::uv_pairs, ColourLayout::uv_cells}) {
+    auto picture = picture_of(kWidth, 4, {layout}, [](double x, double) {
+      return x < 500 ? Rgb{90, 60, 120} : Rgb{210, 210, 210};
+    });
+    const std::vector<LineRow> rows(4, row_at(500, 2));
+    for (const SampleColour& c : colours_of(picture, rows)) expect_near(c, {150, 135, 165}, 2, "both sides");
+    picture.mode.saturated_level = 200;
+    for (const SampleColour& c : colours_of(picture, rows)) expect_near(c, {90, 60, 120}, 2, "left alone");
+  }
+}
+
 TEST(SurfaceColour, BesideTheBorderOnlyTheInnerSideIsRead) {
   for (const ColourLayout layout : kLayouts) {
     const auto picture = picture_of(kWidth, 4, {layout}, [](double x, double) {
@@ -263,7 +275,7 @@ TEST(SurfaceColour, ThePixelBesideTheBodyIsNotItsColour) {
   expect_near(wider[0], {60, 110, 95}, 2, "of a body that reaches further");
 }
 
-TEST(SurfaceColour, RaysThatMeetARadiusAreThoseOfOpenCvsCamera) {
+TEST(SurfaceColour, RaysMeetARadiusWhereTheyComeSoNearToTheAxis) {
   Calibration c = test_calibration();
   const Triangulator triangulator(c, 0, kWhole);
   std::mt19937 random(8);

@@ -29,14 +29,14 @@ using testing::HasSubstr;
 using Kind = CameraError::Kind;
 
 constexpr std::uint32_t kTime = V4L2_CID_EXPOSURE_ABSOLUTE, kAuto = V4L2_CID_EXPOSURE_AUTO;
-constexpr std::uint32_t kWidth = 64, kHeight = 64, kFrameBytes = kWidth * kHeight;
+constexpr std::uint32_t kWidth = 64, kHeight = 64, kFrameBytes = kWidth * kHeight, kBufferBytes = 2 * kFrameBytes;
 
 /// A camera with a file for its buffers; one at a time.
 class FakeCamera {
  public:
   FakeCamera() : name_("/tmp/celadon-camera-XXXXXX") {
     fd_ = ::mkstemp(name_.data());
-    EXPECT_EQ(::ftruncate(fd_, 8 * kFrameBytes), 0);
+    EXPECT_EQ(::ftruncate(fd_, 8 * kBufferBytes), 0);
     present = this;
   }
   ~FakeCamera() {
@@ -75,7 +75,7 @@ class FakeCamera {
       case VIDIOC_ENUM_FMT: {
         auto& format = *static_cast<v4l2_fmtdesc*>(argument);
         if (format.index != 0) return EINVAL;
-        format.pixelformat = V4L2_PIX_FMT_GREY;
+        format.pixelformat = fourcc;
         return 0;
       }
       case VIDIOC_G_FMT:
@@ -84,18 +84,19 @@ class FakeCamera {
         pixels = {};
         pixels.width = kWidth;
         pixels.height = kHeight;
-        pixels.pixelformat = V4L2_PIX_FMT_GREY;
+        pixels.pixelformat = fourcc;
         pixels.field = V4L2_FIELD_NONE;
-        pixels.bytesperline = kWidth;
-        pixels.sizeimage = kFrameBytes;
+        pixels.bytesperline = fourcc == V4L2_PIX_FMT_GREY || fourcc == V4L2_PIX_FMT_NV12 ? kWidth : 2 * kWidth;
+        pixels.sizeimage = image_bytes();
+        pixels.colorspace = V4L2_COLORSPACE_REC709;
         return 0;
       }
       case VIDIOC_S_PARM:
         return 0;
       case VIDIOC_QUERYBUF: {
         auto& buffer = *static_cast<v4l2_buffer*>(argument);
-        buffer.length = kFrameBytes;
-        buffer.m.offset = buffer.index * kFrameBytes;
+        buffer.length = image_bytes();
+        buffer.m.offset = buffer.index * kBufferBytes;
         buffer.flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
         return 0;
       }
@@ -112,7 +113,7 @@ class FakeCamera {
         buffer.index = queued_.front();
         queued_.erase(queued_.begin());
         buffer.sequence = sequence_++;
-        buffer.bytesused = kFrameBytes;
+        buffer.bytesused = image_bytes();
         buffer.timestamp = {.tv_sec = stamp_ns / 1'000'000'000, .tv_usec = stamp_ns % 1'000'000'000 / 1000};
         if (maps_nothing) {
           std::memset(reinterpret_cast<void*>(places[buffer.index]), static_cast<int>(buffer.sequence), kFrameBytes);
@@ -169,6 +170,13 @@ class FakeCamera {
         return ENOTTY;
     }
   }
+  std::uint32_t image_bytes() const {
+    return fourcc == V4L2_PIX_FMT_GREY ? kFrameBytes : fourcc == V4L2_PIX_FMT_NV12 ? kFrameBytes * 3 / 2 : kBufferBytes;
+  }
+  /// What the driver's buffer holds.
+  void fill(std::uint32_t buffer, const std::vector<std::uint8_t>& bytes) const {
+    EXPECT_EQ(::pwrite(fd_, bytes.data(), bytes.size(), buffer * kBufferBytes), static_cast<ssize_t>(bytes.size()));
+  }
   bool is_automatic() const {
     const auto mode = controls.find(kAuto);
     return mode != controls.end() &&
@@ -176,6 +184,7 @@ class FakeCamera {
   }
 
   static FakeCamera* present;
+  std::uint32_t fourcc = V4L2_PIX_FMT_GREY;
   std::map<std::uint32_t, std::int32_t> controls = {{kAuto, V4L2_EXPOSURE_APERTURE_PRIORITY}, {kTime, 156}};
   std::map<std::uint32_t, const char*> names = {{V4L2_CID_GAIN, "Gain"},
                                                 {V4L2_CID_AUTO_WHITE_BALANCE, "White Balance, Automatic"},
@@ -445,6 +454,56 @@ TEST(V4l2Controls, what_is_missing_out_of_range_or_refused_is_named_and_nothing_
   const auto rounded = open_frame_source(camera.address() + "?gain=32");
   ASSERT_FALSE(rounded);
   EXPECT_THAT(rounded.error().message, HasSubstr("took 30"));
+}
+
+std::vector<std::uint8_t> counting_bytes(std::size_t count) {
+  std::vector<std::uint8_t> out(count);
+  for (std::size_t i = 0; i < count; ++i) out[i] = static_cast<std::uint8_t>(i * 7 + i / 251);
+  return out;
+}
+
+// The chroma of NV12 is handed out where it lies behind the luma; YUYV has it among its own bytes; UYVY is taken apart.
+TEST(V4l2Colour, ComesWithTheFrameAndWhatTheDriverSaysOfIt) {
+  for (const std::uint32_t fourcc : {V4L2_PIX_FMT_NV12, V4L2_PIX_FMT_YUYV, V4L2_PIX_FMT_UYVY, V4L2_PIX_FMT_GREY}) {
+    FakeCamera camera;
+    camera.fourcc = fourcc;
+    camera.stamp_ns = monotonic_ns();
+    const auto source = camera.open();
+    ASSERT_NE(source, nullptr);
+    const auto bytes = counting_bytes(camera.image_bytes());
+    camera.fill(0, bytes);
+    ASSERT_TRUE(source->start());
+    auto frame = source->next(0);
+    ASSERT_TRUE(frame) << frame.error().message;
+    const ColourCoding& colour = source->mode().colour;
+    switch (fourcc) {
+      case V4L2_PIX_FMT_NV12:
+        EXPECT_EQ(colour.layout, ColourLayout::uv_cells);
+        EXPECT_EQ(colour.stride_bytes, kWidth);
+        EXPECT_EQ(frame->bytes().size(), kFrameBytes);
+        EXPECT_EQ(frame->colour().data(), frame->bytes().data() + kFrameBytes) << "nothing is copied";
+        ASSERT_EQ(frame->colour().size(), kFrameBytes / 2);
+        EXPECT_TRUE(std::equal(frame->colour().begin(), frame->colour().end(), bytes.begin() + kFrameBytes));
+        break;
+      case V4L2_PIX_FMT_YUYV:
+        EXPECT_EQ(colour.layout, ColourLayout::yuyv);
+        EXPECT_TRUE(frame->colour().empty());
+        EXPECT_TRUE(std::equal(frame->bytes().begin(), frame->bytes().end(), bytes.begin(), bytes.end()));
+        break;
+      case V4L2_PIX_FMT_UYVY:
+        EXPECT_EQ(colour.layout, ColourLayout::uv_pairs);
+        ASSERT_EQ(frame->colour().size(), kFrameBytes);
+        for (std::size_t i = 0; i < kFrameBytes; ++i) ASSERT_EQ(frame->colour()[i], bytes[2 * i]);
+        break;
+      default:
+        EXPECT_EQ(colour, ColourCoding());
+        EXPECT_TRUE(frame->colour().empty());
+    }
+    if (fourcc != V4L2_PIX_FMT_GREY) {
+      EXPECT_EQ(colour.weights, LumaWeights::bt709);
+      EXPECT_TRUE(colour.limited_range);
+    }
+  }
 }
 
 }  // namespace
