@@ -12,6 +12,7 @@
 #include <tl/expected.hpp>
 
 #include "acquisition/axis_stop.h"
+#include "acquisition/colour_coding.h"
 
 namespace celadon {
 
@@ -38,7 +39,13 @@ struct CameraMode {
   std::string identity;  ///< name and serial number, as calibration files quote it
   bool simulated = false;
   StampPoint stamp_point = StampPoint::end_of_frame;  ///< of a V4L2 device known once it streams
+  ColourCoding colour = {};
   bool operator==(const CameraMode&) const = default;
+
+  /// saturated_level, or what it stands for where it is 0.
+  int saturated_from() const {
+    return saturated_level > 0 ? saturated_level : format == PixelFormat::grey8 ? 250 : 235;
+  }
 };
 
 /// What a recorded frame was for.
@@ -96,13 +103,15 @@ class FrameReturn {
 class Frame {
  public:
   Frame() = default;
-  Frame(FrameReturn* owner, std::uint32_t buffer, std::span<const std::uint8_t> bytes, const FrameInfo& frame_info)
-      : info(frame_info), owner_(owner), buffer_(buffer), bytes_(bytes) {}
+  Frame(FrameReturn* owner, std::uint32_t buffer, std::span<const std::uint8_t> bytes, const FrameInfo& frame_info,
+        std::span<const std::uint8_t> colour = {})
+      : info(frame_info), owner_(owner), buffer_(buffer), bytes_(bytes), colour_(colour) {}
   Frame(Frame&& other) noexcept
       : info(other.info),
         owner_(std::exchange(other.owner_, nullptr)),
         buffer_(other.buffer_),
-        bytes_(std::exchange(other.bytes_, {})) {}
+        bytes_(std::exchange(other.bytes_, {})),
+        colour_(std::exchange(other.colour_, {})) {}
   Frame& operator=(Frame&& other) noexcept {
     if (this != &other) {
       release();
@@ -110,6 +119,7 @@ class Frame {
       owner_ = std::exchange(other.owner_, nullptr);
       buffer_ = other.buffer_;
       bytes_ = std::exchange(other.bytes_, {});
+      colour_ = std::exchange(other.colour_, {});
     }
     return *this;
   }
@@ -118,10 +128,12 @@ class Frame {
   ~Frame() { release(); }
 
   std::span<const std::uint8_t> bytes() const { return bytes_; }
+  /// What CameraMode::colour says lies beside bytes(); empty where this picture has no colours.
+  std::span<const std::uint8_t> colour() const { return colour_; }
   explicit operator bool() const { return owner_ != nullptr; }
   void release() noexcept {
     if (owner_ != nullptr) std::exchange(owner_, nullptr)->give_back(buffer_);
-    bytes_ = {};
+    bytes_ = colour_ = {};
   }
 
   FrameInfo info;
@@ -129,7 +141,7 @@ class Frame {
  private:
   FrameReturn* owner_ = nullptr;
   std::uint32_t buffer_ = 0;
-  std::span<const std::uint8_t> bytes_;
+  std::span<const std::uint8_t> bytes_, colour_;
 };
 
 /// Where frames come from: V4L2 device, virtual scanner, recorded folder. Used from one thread.

@@ -17,7 +17,7 @@ struct Hello {
   std::uint32_t slot_count = 0;
   std::uint32_t slot_bytes = 0;  ///< distance of slots in the memfd; slot k begins at k * slot_bytes
   std::uint32_t width_px = 0, height_px = 0, stride_bytes = 0;
-  std::uint32_t format = 0;     ///< PixelFormat
+  std::uint32_t format = 0;     ///< PixelFormat; YUYV is of BT.601 and full range
   std::uint32_t shutter = 0;    ///< Shutter
   std::uint32_t lock_step = 0;  ///< 1: `next` is a declared wait that advances the device's time
   std::int64_t frame_period_ns = 0, exposure_ns = 0;

@@ -164,9 +164,7 @@ void LaserLineExtractor::extract(const CameraMode& mode, std::span<const std::ui
                                                                   std::to_string(rows.size()));
   require(previous.empty() || previous.data() != rows.data(),
           "the rows of the frame before are those to be written; keep them apart");
-  const int usual_level = mode.format == PixelFormat::grey8 ? 250 : 235;
-  impl_->scratch.saturated_level =
-      static_cast<std::int16_t>(mode.saturated_level > 0 ? mode.saturated_level : usual_level);
+  impl_->scratch.saturated_level = static_cast<std::int16_t>(mode.saturated_from());
   impl_->peaks.resize(rows.size());
   line_kernels::Job job;
   job.signal = signal_of(mode.format, impl_->options.channel);

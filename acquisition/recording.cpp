@@ -26,7 +26,7 @@ constexpr std::size_t kMostFrames = 10'000'000;
 constexpr double kRadPerDeg = std::numbers::pi / 180;
 constexpr std::array<std::string_view, 4> kUses{"background", "look", "turn", "overlap"};
 constexpr std::size_t kFields_1_0 = 5, kFields_1_1 = 9, kFields_1_2 = 10, kFields_1_3 = 12;
-constexpr unsigned kMinor = 3;  // the newest that is known
+constexpr unsigned kMinor = 4;  // the newest that is known
 constexpr int kMostLaser = 255;
 
 struct Refusal {
@@ -156,6 +156,10 @@ class IndexReader {
       }
       index_.yuyv_width_px = *width;
       index_.yuyv_height_px = *height;
+    } else if (key == "yuv" && minor_ >= 4) {
+      const int which = choose({"601,full", "601,limited", "709,full", "709,limited"});
+      index_.yuv =
+          ColourCoding{ColourLayout::yuyv, 0, which < 2 ? LumaWeights::bt601 : LumaWeights::bt709, which % 2 == 1};
     } else if (minor_ <= kMinor) {
       refuse("the setting " + quote(line) + " is unknown or empty",
              "correct it, or put the columns \"" + std::string(kColumns) + "\" before the frames");
@@ -288,12 +292,16 @@ tl::expected<RecordingIndex, std::string> parse_recording_index(const std::strin
 
 std::string format_recording_index(const RecordingIndex& index) {
   static constexpr std::array<const char*, 3> kColours{"red", "green", "luma"};
-  std::string out = std::string(kFirstLine) + "1.3\ncamera," + index.camera + "\nsimulated," +
-                    (index.simulated ? "1" : "0") + "\nshutter," +
+  std::string out = std::string(kFirstLine) + (index.yuv ? "1.4" : "1.3") + "\ncamera," + index.camera +
+                    "\nsimulated," + (index.simulated ? "1" : "0") + "\nshutter," +
                     (index.shutter == Shutter::rolling ? "rolling" : "global") + "\ncolour," +
                     kColours.at(static_cast<std::size_t>(index.colour)) + "\n";
   if (index.yuyv_width_px != 0) {
     out += "yuyv_size," + std::to_string(index.yuyv_width_px) + "," + std::to_string(index.yuyv_height_px) + "\n";
+  }
+  if (index.yuv) {
+    out += std::string("yuv,") + (index.yuv->weights == LumaWeights::bt601 ? "601" : "709") +
+           (index.yuv->limited_range ? ",limited\n" : ",full\n");
   }
   if (index.saturated_level != 0) out += "saturated_level," + std::to_string(index.saturated_level) + "\n";
   if (!index.scan.date.empty()) out += "date," + index.scan.date + "\n";
@@ -324,6 +332,7 @@ RecordingWriter::RecordingWriter(std::filesystem::path folder, const CameraMode&
   if (mode.format == PixelFormat::yuyv) {
     index_.yuyv_width_px = mode.width_px;
     index_.yuyv_height_px = mode.height_px;
+    if (mode.colour.layout == ColourLayout::yuyv) index_.yuv = mode.colour;
   }
 }
 

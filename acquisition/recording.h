@@ -2,6 +2,7 @@
 // Recordings of frames: a folder with an index. Grammar: REPLAY.md.
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -31,6 +32,7 @@ struct RecordingIndex {
   Shutter shutter = Shutter::global;
   ColourChannel colour = ColourChannel::red;
   int yuyv_width_px = 0, yuyv_height_px = 0;  ///< of *.yuyv frames
+  std::optional<ColourCoding> yuv;            ///< what their colours mean; nothing: they are not looked at
   int saturated_level = 0;                    ///< as in CameraMode
   std::vector<RecordedFrame> frames;          ///< at least one; scan.lasers and scan.stops follow from them
 };

@@ -35,6 +35,7 @@ class ReplaySource final : public FrameSource, public FrameReturn {
     mode_.stride_bytes = static_cast<std::size_t>(first.width_px) * bytes_per_pixel(mode_.format);
     mode_.shutter = index_.shutter;
     mode_.saturated_level = index_.saturated_level;
+    if (mode_.format == PixelFormat::yuyv && index_.yuv) mode_.colour = *index_.yuv;
     mode_.exposure_ns = frames.front().exposure_ns;
     if (frames.size() > 1) {
       mode_.frame_period_ns =

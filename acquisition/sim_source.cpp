@@ -367,6 +367,7 @@ tl::expected<void, CameraError> SimSource::connect(const std::string& folder) {
            .exposure_ns = hello.exposure_ns,
            .identity = static_cast<const char*>(hello.identity),
            .simulated = true};
+  if (mode_.format == PixelFormat::yuyv) mode_.colour.layout = ColourLayout::yuyv;
   return {};
 }
 

@@ -94,6 +94,13 @@ std::int64_t Triangulator::row_instant_ns(const FrameInfo& frame, double row) co
                                        row * time_.line_time_ns.value);
 }
 
+bool Triangulator::meets_radius(double x_px, double row_px, double r_mm) const {
+  const UndistortedPoint ray = lens_.undistort(x_px, row_px);
+  const Eigen::Vector3d d = R_WC_ * Eigen::Vector3d(ray.a, ray.b, 1);
+  const double off = p_WC_.x() * d.y() - p_WC_.y() * d.x();
+  return off * off <= r_mm * r_mm * (d.x() * d.x() + d.y() * d.y());
+}
+
 Triangulator::Point Triangulator::point(double x_px, double row_px) const {
   const UndistortedPoint ray = lens_.undistort(x_px, row_px);
   // Along (a, b, 1) the plane lies at depth = distance / (normal . ray); its derivative follows from that.

@@ -67,6 +67,9 @@ class Triangulator {
     return static_cast<std::size_t>(along_ == LineAlong::rows ? height_px_ : width_px_);
   }
 
+  /// Whether a pixel's ray comes as near to the table's axis as that: a round body of the radius is seen there.
+  bool meets_radius(double x_px, double row_px, double r_mm) const;
+
   /// Instant of a row by the time model.
   std::int64_t row_instant_ns(const FrameInfo& frame, double row) const;
 

@@ -14,17 +14,12 @@ std::uint32_t abilities_of(const v4l2_capability& capability) {
 V4l2Picture picture_of(const v4l2_format& format) {
   if (format.type == V4L2_BUF_TYPE_VIDEO_CAPTURE) {
     const v4l2_pix_format& pixels = format.fmt.pix;
-    return {pixels.width,
-            pixels.height,
-            pixels.pixelformat,
-            pixels.field,
-            pixels.colorspace,
-            pixels.quantization,
-            {{pixels.bytesperline, pixels.sizeimage}}};
+    return {pixels.width,      pixels.height,    pixels.pixelformat,  pixels.field,
+            pixels.colorspace, pixels.ycbcr_enc, pixels.quantization, {{pixels.bytesperline, pixels.sizeimage}}};
   }
   const v4l2_pix_format_mplane& pixels = format.fmt.pix_mp;
-  V4l2Picture picture{
-      pixels.width, pixels.height, pixels.pixelformat, pixels.field, pixels.colorspace, pixels.quantization, {}};
+  V4l2Picture picture{pixels.width,      pixels.height,    pixels.pixelformat,  pixels.field,
+                      pixels.colorspace, pixels.ycbcr_enc, pixels.quantization, {}};
   for (unsigned i = 0; i < std::min<unsigned>(pixels.num_planes, VIDEO_MAX_PLANES); ++i)
     picture.planes.push_back({pixels.plane_fmt[i].bytesperline, pixels.plane_fmt[i].sizeimage});
   return picture;

@@ -21,7 +21,7 @@ struct V4l2Picture {
     std::uint32_t stride_bytes = 0, bytes = 0;  ///< distance of rows; of the plane at most
   };
   std::uint32_t width_px = 0, height_px = 0, fourcc = 0;
-  std::uint32_t field = 0, colorspace = 0, quantization = 0;
+  std::uint32_t field = 0, colorspace = 0, ycbcr_encoding = 0, quantization = 0;
   std::vector<Plane> planes;  ///< one, but for formats with several in devices with several
 };
 

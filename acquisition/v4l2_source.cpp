@@ -36,6 +36,14 @@ bool limited_range(const V4l2Picture& picture) {
          (told == V4L2_QUANTIZATION_DEFAULT && picture.colorspace != V4L2_COLORSPACE_JPEG);
 }
 
+/// What the driver says of the colours of a format that is read in place.
+ColourCoding colour_in(ColourLayout layout, std::size_t stride_bytes, const V4l2Picture& picture) {
+  const auto told = static_cast<v4l2_ycbcr_encoding>(picture.ycbcr_encoding);
+  const bool bt709 = told == V4L2_YCBCR_ENC_709 || told == V4L2_YCBCR_ENC_XV709 ||
+                     (told == V4L2_YCBCR_ENC_DEFAULT && picture.colorspace == V4L2_COLORSPACE_REC709);
+  return {layout, stride_bytes, bt709 ? LumaWeights::bt709 : LumaWeights::bt601, limited_range(picture)};
+}
+
 /// Formats with a luma, be it packed or a plane of the picture.
 bool has_luma(std::uint32_t fourcc) {
   constexpr std::uint32_t kLuma[] = {V4L2_PIX_FMT_YUYV,  V4L2_PIX_FMT_UYVY,    V4L2_PIX_FMT_NV12,
@@ -118,11 +126,14 @@ class V4l2Source final : public FrameSource, public FrameReturn {
   V4l2Controls controls_;
   CameraMode mode_;
   v4l2_buf_type type_ = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  std::vector<std::uint32_t> plane_bytes_;          ///< of the driver's picture at most
-  std::size_t least_bytes_ = 0;                     ///< of a whole frame in the first plane of the driver's buffer
-  std::unique_ptr<V4l2Queue> queue_;                ///< while it streams
-  std::unique_ptr<PictureDecoder> decoder_;         ///< nullptr: frames are used in place
-  std::vector<std::vector<std::uint8_t>> decoded_;  ///< as many as buffers
+  std::vector<std::uint32_t> plane_bytes_;   ///< of the driver's picture at most
+  std::size_t least_bytes_ = 0;              ///< of a whole frame in the first plane of the driver's buffer
+  std::unique_ptr<V4l2Queue> queue_;         ///< while it streams
+  std::unique_ptr<PictureDecoder> decoder_;  ///< nullptr: frames are used in place
+  struct Decoded {
+    std::vector<std::uint8_t> grey, colour;
+  };
+  std::vector<Decoded> decoded_;  ///< as many as buffers
   LeaseBook leases_;
   bool has_sequence_ = false;
   std::uint64_t last_sequence_ = 0;
@@ -221,6 +232,18 @@ tl::expected<void, CameraError> V4l2Source::set_format(const V4l2Address& addres
   decoder_ = PictureDecoder::of(fourcc, mode_.width_px, mode_.height_px, stride_bytes);
   mode_.stride_bytes = decoder_ ? width : stride_bytes;
   least_bytes_ = decoder_ ? decoder_->least_bytes() : stride_bytes * height;
+  if (decoder_ != nullptr) {
+    // A JPEG is of BT.601 and full range, whatever the driver says.
+    const bool jpeg = fourcc != V4L2_PIX_FMT_UYVY;
+    mode_.colour =
+        jpeg ? ColourCoding{decoder_->colour_layout(), width} : colour_in(decoder_->colour_layout(), width, picture);
+  } else if (fourcc == V4L2_PIX_FMT_YUYV) {
+    mode_.colour = colour_in(ColourLayout::yuyv, 0, picture);
+  } else if (fourcc == V4L2_PIX_FMT_NV12 && height % 2 == 0) {
+    // The plane of chroma follows that of luma, with rows as long.
+    least_bytes_ += stride_bytes * height / 2;
+    mode_.colour = colour_in(ColourLayout::uv_cells, stride_bytes, picture);
+  }
   if (width < 8 || width > 65535 || height < 2 || height > 65535 || least_bytes_ > plane.bytes) {
     return tl::unexpected(
         camera_fault(Kind::protocol, device_, operation,
@@ -245,7 +268,9 @@ tl::expected<void, CameraError> V4l2Source::start() {
   leases_.resize((*queue)->size());
   if (decoder_ != nullptr) {
     const std::size_t bytes = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
-    decoded_.assign((*queue)->size(), std::vector<std::uint8_t>(bytes));
+    const bool coloured = mode_.colour.layout != ColourLayout::none;
+    decoded_.assign((*queue)->size(),
+                    {std::vector<std::uint8_t>(bytes), std::vector<std::uint8_t>(coloured ? bytes : 0)});
   }
   if (auto started = (*queue)->start(); !started) return started;
   queue_ = std::move(*queue);
@@ -297,17 +322,24 @@ tl::expected<Frame, CameraError> V4l2Source::lend(const FilledBuffer& buffer) {
   has_sequence_ = true;
   if (decoder_ != nullptr) return lend_decoded(buffer, info);
   leases_.lend(buffer.index);
-  return Frame(this, buffer.index, buffer.memory.first(least_bytes_), info);
+  const std::span<const std::uint8_t> bytes = buffer.memory.first(least_bytes_);
+  const std::size_t own = mode_.stride_bytes * static_cast<std::size_t>(mode_.height_px);
+  return Frame(this, buffer.index, bytes.first(own), info, bytes.subspan(own));
 }
 
 tl::expected<Frame, CameraError> V4l2Source::lend_decoded(const FilledBuffer& buffer, FrameInfo info) {
   std::uint32_t slot = 0;
   while (leases_.is_lent(slot)) ++slot;  // next() saw that one is free
-  std::vector<std::uint8_t>& grey = decoded_[slot];
-  if (!info.corrupt && !decoder_->decode(buffer.memory.first(buffer.used_bytes), grey)) info.corrupt = true;
+  Decoded& into = decoded_[slot];
+  std::span<const std::uint8_t> colour;
+  if (!info.corrupt) {
+    const auto decoded = decoder_->decode(buffer.memory.first(buffer.used_bytes), into.grey, into.colour);
+    if (decoded && *decoded) colour = into.colour;
+    info.corrupt = !decoded;
+  }
   static_cast<void>(queue_->give(buffer.index));
   leases_.lend(slot);
-  return Frame(this, slot, grey, info);
+  return Frame(this, slot, into.grey, info, colour);
 }
 
 }  // namespace

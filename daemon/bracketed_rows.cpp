@@ -15,6 +15,7 @@ void keep_first(std::size_t samples, Profile& profile) {
   profile.z_mm.resize(samples);
   profile.covariance.resize(samples);
   profile.row.resize(samples);
+  if (!profile.colour.empty()) profile.colour.resize(samples);
 }
 
 }  // namespace
@@ -39,6 +40,7 @@ void leave_to_other_exposure(std::span<const LineRow> rows, std::int64_t exposur
     profile.z_mm[kept] = profile.z_mm[k];
     profile.covariance[kept] = profile.covariance[k];
     profile.row[kept] = profile.row[k];
+    if (!profile.colour.empty()) profile.colour[kept] = profile.colour[k];
     ++kept;
   }
   keep_first(kept, profile);

@@ -15,7 +15,7 @@
 namespace celadon {
 namespace {
 
-constexpr std::uint16_t kMajor = 1, kMinor = 2;
+constexpr std::uint16_t kMajor = 1;
 constexpr std::uint32_t kMarker = 0x52504C43;  // "CLPR"
 constexpr std::uint32_t kLongest = 256u << 20;
 constexpr std::size_t kPreambleBytes = 16, kHeadBytes = 24, kHeadSummed = 20, kReadAhead = 1 << 20;
@@ -47,7 +47,8 @@ bool good_head(const Head& head) {
 
 // --- writer ---
 
-tl::expected<std::unique_ptr<RecordWriter>, LogError> RecordWriter::create(const std::filesystem::path& file) {
+tl::expected<std::unique_ptr<RecordWriter>, LogError> RecordWriter::create(const std::filesystem::path& file,
+                                                                           std::uint16_t minor) {
   const int fd = ::open(file.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_APPEND | O_CLOEXEC, 0644);
   if (fd < 0) {
     const int code = errno;
@@ -57,7 +58,7 @@ tl::expected<std::unique_ptr<RecordWriter>, LogError> RecordWriter::create(const
                                            : "; check that the folder exists, may be written and has free space.")});
   }
   std::unique_ptr<RecordWriter> writer(new RecordWriter(file, fd));
-  Preamble preamble{{}, kMajor, kMinor, 0};
+  Preamble preamble{{}, kMajor, minor, 0};
   std::memcpy(preamble.magic, kLogMagic, sizeof kLogMagic);
   const auto* bytes = reinterpret_cast<const std::uint8_t*>(&preamble);
   writer->buffer_.assign(bytes, bytes + sizeof preamble);

@@ -34,8 +34,9 @@ struct RecordMark {
 /// capture.
 class RecordWriter {
  public:
-  /// Creates the file with its preamble; refuses an existing one. Syncs the folder entry.
-  static tl::expected<std::unique_ptr<RecordWriter>, LogError> create(const std::filesystem::path& file);
+  /// Creates the file with its preamble, of version 1.`minor`; refuses an existing one. Syncs the folder entry.
+  static tl::expected<std::unique_ptr<RecordWriter>, LogError> create(const std::filesystem::path& file,
+                                                                      std::uint16_t minor);
   ~RecordWriter();  ///< flushes and syncs what it can
   RecordWriter(const RecordWriter&) = delete;
   RecordWriter& operator=(const RecordWriter&) = delete;

@@ -22,9 +22,10 @@ enum RecordType : std::uint16_t {
 };
 
 constexpr std::uint32_t kHasCovariance = 1, kHasRow = 2;
+constexpr std::uint16_t kMinor = 2, kMinorOfColours = 3;  ///< versions of the grammar that are written
 constexpr std::uint32_t kProfilesPerMark = 16;
 constexpr std::int64_t kSyncInterval_ns = 1'000'000'000;
-static_assert(sizeof(SampleCovariance) == 6 * sizeof(float));
+static_assert(sizeof(SampleCovariance) == 6 * sizeof(float) && sizeof(SampleColour) == 3);
 
 /// Appends numbers to a payload in file order.
 class Put {
@@ -77,16 +78,19 @@ class Take {
   bool good_ = true;
 };
 
-void put_profile(std::vector<std::uint8_t>& out, const Profile& p) {
+void put_profile(std::vector<std::uint8_t>& out, const Profile& p, bool with_colour) {
   const std::uint32_t fields = (p.covariance.empty() ? 0 : kHasCovariance) | (p.row.empty() ? 0 : kHasRow);
   Put put(out);
   put(p.index)(p.pose)(p.laser)(static_cast<std::uint8_t>(p.order))(p.lift_mm)(p.table_angle_rad)(p.time_ns);
   put(static_cast<std::uint32_t>(p.size()))(fields);
   put.array(p.r_mm.data(), p.size()).array(p.theta_rad.data(), p.size()).array(p.z_mm.data(), p.size());
   put.array(p.covariance.data(), p.covariance.size()).array(p.row.data(), p.row.size());
+  if (!with_colour) return;
+  const std::vector<SampleColour> unknown(p.colour.empty() ? p.size() : 0);
+  put.array(p.colour.data(), p.colour.size()).array(unknown.data(), unknown.size());
 }
 
-bool take_profile(std::span<const std::uint8_t> payload, Profile& p) {
+bool take_profile(std::span<const std::uint8_t> payload, bool with_colour, Profile& p) {
   Take take(payload);
   p.index = take.get<std::uint32_t>();
   p.pose = take.get<std::uint16_t>();
@@ -110,17 +114,20 @@ bool take_profile(std::span<const std::uint8_t> payload, Profile& p) {
   take.array(p.z_mm.data(), n);
   take.array(p.covariance.data(), p.covariance.size());
   take.array(p.row.data(), p.row.size());
+  p.colour.resize(with_colour ? n : 0);
+  take.array(p.colour.data(), p.colour.size());
   return take.good();
 }
 
 std::string header_text(const LogHeader& header) {
   ScanRecord record;
   record.request = header.request;
-  return nlohmann::json{{"writer", "celadond 0.1.0"},        {"date", header.date},
-                        {"machine", header.machine},         {"camera", header.camera},
-                        {"simulated", header.simulated},     {"request", to_json(record)["request"]},
-                        {"calibration", header.calibration}, {"lasers", header.lasers}}
-      .dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  nlohmann::json text{{"writer", "celadond 0.1.0"},        {"date", header.date},
+                      {"machine", header.machine},         {"camera", header.camera},
+                      {"simulated", header.simulated},     {"request", to_json(record)["request"]},
+                      {"calibration", header.calibration}, {"lasers", header.lasers}};
+  if (header.colour) text["colour"] = true;
+  return text.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
 }
 
 bool take_header(std::span<const std::uint8_t> payload, LogHeader& header) {
@@ -132,6 +139,7 @@ bool take_header(std::span<const std::uint8_t> payload, LogHeader& header) {
     header.simulated = json.at("simulated").get<bool>();
     header.calibration = json.at("calibration").get<std::string>();
     header.lasers = json.value("lasers", std::vector<int>());  // since 1.1
+    header.colour = json.value("colour", false);               // since 1.3
     auto request = scan_request_from_json(json.at("request"));
     if (!request) return false;
     header.request = *request;
@@ -201,9 +209,10 @@ LogEnd take_end(Take& take) {
 
 tl::expected<std::unique_ptr<ProfileLogWriter>, LogError> ProfileLogWriter::create(const std::filesystem::path& file,
                                                                                    const LogHeader& header) {
-  auto records = RecordWriter::create(file);
+  auto records = RecordWriter::create(file, header.colour ? kMinorOfColours : kMinor);
   if (!records) return tl::make_unexpected(records.error());
   std::unique_ptr<ProfileLogWriter> log(new ProfileLogWriter(std::move(*records)));
+  log->colour_ = header.colour;
   const std::string text = header_text(header);
   log->records_->put(kHeader, {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()});
   if (auto written = log->append(LogPose{}); !written) return tl::make_unexpected(written.error());
@@ -224,7 +233,7 @@ tl::expected<void, LogError> ProfileLogWriter::append(const LogPose& pose) {
 }
 
 tl::expected<void, LogError> ProfileLogWriter::append(const Profile& profile, bool overlap) {
-  put_profile(payload_, profile);
+  put_profile(payload_, profile, colour_);
   if (!overlap && counts_.profiles % kProfilesPerMark == 0) marks_.push_back(records_->mark());
   records_->put(overlap ? kOverlapProfile : kProfile, payload_);
   if (auto written = records_->flush(); !written) return written;
@@ -333,7 +342,7 @@ const Profile* ProfileLogReader::next() {
   Record record;
   while (error_.empty() && records_->next(record)) {
     if (record.type == kProfile) {
-      if (take_profile(record.payload, profile_)) return &profile_;
+      if (take_profile(record.payload, header_.colour, profile_)) return &profile_;
       broken(record, "a profile");
     } else if (record.type == kEnd) {
       Take take(record.payload);
@@ -354,7 +363,7 @@ std::optional<LogEntry> ProfileLogReader::next_entry() {
         break;
       case kProfile:
       case kOverlapProfile:
-        if (!take_profile(record.payload, profile_)) {
+        if (!take_profile(record.payload, header_.colour, profile_)) {
           broken(record, "a profile");
           return std::nullopt;
         }

@@ -30,6 +30,7 @@ struct LogHeader {
   std::string calibration;  ///< text of the calibration file
   /// In the order of their turns; empty: one, and the log, of version 1.0, does not say which.
   std::vector<int> lasers = {};
+  bool colour = false;  ///< its profiles tell the colours of their samples; the log is then of version 1.3
 };
 
 /// Placement of the object: rigid transform of points of the object to the scanner frame.
@@ -112,6 +113,7 @@ class ProfileLogWriter {
   std::vector<std::uint8_t> payload_;
   std::vector<RecordMark> marks_;  ///< before every kProfilesPerMark-th profile
   LogEnd counts_;
+  bool colour_ = false;
   AxisStop stop_;
   std::int64_t last_sync_ns_ = 0;
 };

@@ -198,6 +198,7 @@ void put_notes(Json& json, const std::vector<std::string>& warnings_of_fit, cons
                     {"corrupt", s.corrupt},
                     {"rows_ambiguous", s.rows_ambiguous}};
   }
+  if (notes.coloured) json["coloured"] = *notes.coloured;
   if (notes.stereo) {
     const StereoShare& s = *notes.stereo;
     json["stereo"] = {{"pair_rad", s.pair_rad},          {"pairs", s.pairs},

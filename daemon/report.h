@@ -116,9 +116,10 @@ struct ResultNotes {
   std::vector<StageSeconds> seconds;
   std::optional<TruthError> truth_mm;
   std::optional<ScanCounters> scan;
-  std::optional<ClosureError> closure_mm;     ///< of several lasers the worst
-  std::vector<LaserShare> lasers = {};        ///< after a scan, in the order of their turns
-  std::vector<TurnExposures> exposures = {};  ///< of a scan with the exposure auto
+  std::optional<ClosureError> closure_mm;      ///< of several lasers the worst
+  std::optional<std::uint64_t> coloured = {};  ///< of a camera that delivers colours: samples with one
+  std::vector<LaserShare> lasers = {};         ///< after a scan, in the order of their turns
+  std::vector<TurnExposures> exposures = {};   ///< of a scan with the exposure auto
   std::optional<AgreementError> agreement_mm = {};
   std::optional<StereoShare> stereo = {};  ///< of a scan without a laser
   std::vector<SelfCheck> checks;           ///< of a scan

@@ -13,6 +13,7 @@
 #include "daemon/files/atomic_file.h"
 #include "daemon/files/error_picture.h"
 #include "daemon/files/mesh_files.h"
+#include "daemon/files/sample_cloud.h"
 #include "daemon/surface_json.h"
 
 namespace celadon {
@@ -64,10 +65,26 @@ std::string mesh_header(const ResultNotes& notes, double chord_mm, std::span<con
          " mm" + (whole || measured ? "" : ", end discs assumed");
 }
 
+tl::unexpected<ResultError> not_written(const WriteError& error) {
+  return tl::make_unexpected(ResultError{error.errno_value == ENOENT ? 2 : 4, error.message});
+}
+
 tl::expected<void, ResultError> put(const std::filesystem::path& file, std::string_view bytes) {
-  if (auto written = write_file_atomically(file, bytes); !written) {
-    return tl::make_unexpected(ResultError{written.error().errno_value == ENOENT ? 2 : 4, written.error().message});
-  }
+  if (auto written = write_file_atomically(file, bytes); !written) return not_written(written.error());
+  return {};
+}
+
+/// The cloud of coloured samples, if there is one: its name goes to `names`.
+tl::expected<void, ResultError> put_coloured(ProfileStream* samples, const std::filesystem::path& folder,
+                                             ResultNotes& notes, std::vector<std::string>& names) {
+  if (samples == nullptr) return {};
+  const std::string name = notes.name + "-samples.ply";
+  const std::string header = std::string(notes.simulated ? "SIMULATED " : "") + "celadon " + notes.name +
+                             ", samples, mm, colours of the camera, black: not known";
+  auto cloud = write_coloured_samples(*samples, header, folder / name);
+  if (!cloud) return not_written(cloud.error());
+  notes.coloured = cloud->coloured;
+  if (cloud->coloured > 0) names.push_back(name);
   return {};
 }
 
@@ -251,6 +268,8 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
       start = std::chrono::steady_clock::now();
     }
   }
+  if (auto coloured = put_coloured(options.coloured, staging, notes, names); !coloured)
+    return tl::make_unexpected(coloured.error());
   notes.seconds.push_back({"files", seconds_since(start)});
   start = std::chrono::steady_clock::now();
   auto fit = measured();
@@ -282,7 +301,7 @@ tl::expected<std::vector<std::string>, ResultError> write_results(
 tl::expected<std::vector<std::string>, ResultError> write_samples(const std::filesystem::path& log_file,
                                                                   std::uint64_t points,
                                                                   const std::filesystem::path& folder,
-                                                                  const ResultNotes& notes) {
+                                                                  ResultNotes& notes, ProfileStream* coloured) {
   auto staged = StagedFolder::begin(folder);
   if (!staged) return tl::make_unexpected(staged.error());
   const std::filesystem::path samples = staged->path() / "profiles.log";
@@ -290,12 +309,15 @@ tl::expected<std::vector<std::string>, ResultError> write_samples(const std::fil
   std::filesystem::create_hard_link(log_file, samples, code);
   if (code) std::filesystem::copy_file(log_file, samples, code);
   if (code) return system_error("Copying the log to", samples, code.value());
-  const std::string report = file_name(ResultFormat::report_json, notes.name);
-  if (auto written = write_report(report_json(points, notes), staged->path() / report); !written) {
+  std::vector<std::string> names{samples.filename().string()};
+  if (auto cloud = put_coloured(coloured, staged->path(), notes, names); !cloud)
+    return tl::make_unexpected(cloud.error());
+  names.push_back(file_name(ResultFormat::report_json, notes.name));
+  if (auto written = write_report(report_json(points, notes), staged->path() / names.back()); !written) {
     return tl::make_unexpected(written.error());
   }
   if (auto published = staged->publish(); !published) return tl::make_unexpected(published.error());
-  return std::vector<std::string>{samples.filename().string(), report};
+  return names;
 }
 
 }  // namespace celadon

@@ -27,9 +27,10 @@ std::optional<ResultFormat> result_format_from(std::string_view text);
 std::optional<ResultFormat> result_format_of(const std::filesystem::path& file);
 
 struct ResultOptions {
-  bool ap214 = false;        ///< STEP AP242 otherwise
-  double chord_mm = 0;       ///< of the meshes; 0: 1e-4 of the largest extent
-  CadWorker* cad = nullptr;  ///< started ahead; nullptr: one is started for the file
+  bool ap214 = false;                 ///< STEP AP242 otherwise
+  double chord_mm = 0;                ///< of the meshes; 0: 1e-4 of the largest extent
+  CadWorker* cad = nullptr;           ///< started ahead; nullptr: one is started for the file
+  ProfileStream* coloured = nullptr;  ///< of write_results: samples with colours, for a cloud of them; nullptr: none
 };
 
 /// One sentence with file, cause and remedy; exit code 2 for a name that cannot be used, 4 otherwise.
@@ -57,19 +58,21 @@ tl::expected<void, ResultError> write_errors(std::span<const RangeFit> pieces, c
 tl::expected<void, ResultError> write_report(const nlohmann::ordered_json& report, const std::filesystem::path& file);
 
 /// Writes the files of `formats` (STEP first) and report.json into `folder`, which must not exist and appears whole or
-/// not at all. `measured` gives the whole fit of the same pieces; it is asked for when all files are there that do
-/// without. Stages "step", "files" and "errors" (waited for them) are added to notes.seconds. @returns the names in
-/// `folder`
+/// not at all; where samples have colours, their cloud too (notes.coloured is set). `measured` gives the whole fit of
+/// the same pieces; it is asked for when all files are there that do without. Stages "step", "files" and "errors"
+/// (waited for them) are added to notes.seconds. @returns the names in `folder`
 tl::expected<std::vector<std::string>, ResultError> write_results(
     std::span<const FittedSurface> pieces, const std::function<tl::expected<BodyFit, ResultError>()>& measured,
     const std::vector<ResultFormat>& formats, const std::filesystem::path& folder, ResultNotes& notes,
     const ResultOptions& options = {});
 
-/// Of a scan to which no surface was fitted: its profiles.log (a link to the file where the disk can) and report.json,
-/// into a folder as above. @pre the log is finished  @returns the names in `folder`
+/// Of a scan to which no surface was fitted: its profiles.log (a link to the file where the disk can), the cloud of
+/// `coloured` samples as above and report.json, into a folder as above.
+/// @pre the log is finished  @returns the names in `folder`
 tl::expected<std::vector<std::string>, ResultError> write_samples(const std::filesystem::path& log_file,
                                                                   std::uint64_t points,
                                                                   const std::filesystem::path& folder,
-                                                                  const ResultNotes& notes);
+                                                                  ResultNotes& notes,
+                                                                  ProfileStream* coloured = nullptr);
 
 }  // namespace celadon

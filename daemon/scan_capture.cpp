@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <numbers>
 
+#include "acquisition/surface_colour.h"
 #include "daemon/bracketed_rows.h"
 #include "daemon/closure_test.h"
 #include "daemon/mean_frame.h"
@@ -44,6 +45,7 @@ class Intake {
         extractor_({.along = tools.turn->triangulator.along()}),
         rows_(tools.turn->triangulator.line_count()),
         previous_(rows_.size()),
+        colour_(tools.equipment.camera.mode(), tools.turn->triangulator.along()),
         backgrounds_(tools.turn->seen.backgrounds) {
     profile_.laser = static_cast<std::uint8_t>(tools.turn->laser);
     share_.laser = tools.turn->laser;
@@ -73,9 +75,11 @@ class Intake {
     if (tools_.turn->stop_number == 0) {
       tools_.datum.line(tools_.turn->laser, frame.bytes(), background);
     }
+    colour_.read(frame, rows_);
     frame.release();  // the driver gets its buffer back before anything slower happens
     const auto counts = tools_.turn->triangulator.triangulate(
         rows_, info, [&](std::int64_t ns) { return angle.at(ns); }, profile_);
+    colour_.give(tools_.turn->triangulator, profile_);
     if (tools_.turn->stop_number == 0) tools_.datum.object(profile_);
     if (is_other_turns(table_rad(angle.middle))) {
       leave_out(profile_);
@@ -204,6 +208,7 @@ class Intake {
   RunningFit running_fit_;
   LaserLineExtractor extractor_;
   std::vector<LineRow> rows_, previous_;  ///< of this frame and of the one before
+  SurfaceColour colour_;
   Backgrounds backgrounds_;
   double room_change_levels_ = 0;
   Profile profile_;

@@ -36,7 +36,7 @@
 namespace celadon {
 namespace {
 
-constexpr double kBytesPerSample = 50;
+constexpr double kBytesPerSample = 50, kBytesPerColour = 3;
 tl::unexpected<ScanStop> failed(const std::string& reason, ScanFailure failure = ScanFailure::system) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false, failure});
 }
@@ -154,10 +154,17 @@ tl::expected<std::unique_ptr<RecordingWriter>, ScanStop> open_recording(const Sc
       RecordedScan{task.date, task.request.mode == ScanMode::step ? "step" : "sweep", task.request.profiles});
 }
 
+/// Whether the samples of a scan have colours.
+bool delivers_colours(const ScanEquipment& equipment, const ScanRequest& request) {
+  return request.method != ScanMethod::stereo && equipment.camera.mode().colour.layout != ColourLayout::none;
+}
+
 tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEquipment& equipment, const ScanTask& task,
                                                                    const ScanPreparation& seen,
                                                                    const std::vector<int>& lasers, std::size_t stops) {
-  const double wanted = kBytesPerSample * static_cast<double>(seen.samples * stops) * task.request.profiles * 1.1;
+  const bool colour = delivers_colours(equipment, task.request);
+  const double wanted = (kBytesPerSample + (colour ? kBytesPerColour : 0)) * static_cast<double>(seen.samples * stops) *
+                        task.request.profiles * 1.1;
   struct statvfs disk {};
   if (::statvfs(task.log_file.parent_path().c_str(), &disk) == 0) {
     const double free = static_cast<double>(disk.f_bavail) * static_cast<double>(disk.f_frsize);
@@ -176,6 +183,7 @@ tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEqu
   header.request = task.request;
   header.calibration = format_calibration(equipment.calibration);
   header.lasers = lasers;
+  header.colour = colour;
   auto log = ProfileLogWriter::create(task.log_file, header);
   if (!log) return failed(log.error().message);
   return std::move(*log);
@@ -206,8 +214,18 @@ OverlapResult nothing_compared() {
   return overlap;
 }
 
+/// The finished log of samples with colours; nullptr where they have none.
+tl::expected<std::unique_ptr<ProfileLogReader>, ScanStop> coloured_log(const ScanEquipment& equipment,
+                                                                       const ScanTask& task) {
+  if (!delivers_colours(equipment, task.request)) return nullptr;
+  auto log = ProfileLogReader::open(task.log_file);
+  if (!log) return failed(log.error().message);
+  return std::move(*log);
+}
+
 /// The samples as the result, where no surface was asked for.
-tl::expected<ScanOutcome, ScanStop> keep_samples(const ScanTask& task, ProfileLogWriter& log, ResultNotes& notes) {
+tl::expected<ScanOutcome, ScanStop> keep_samples(const ScanEquipment& equipment, const ScanTask& task,
+                                                 ProfileLogWriter& log, ResultNotes& notes) {
   notes.warnings.emplace_back(
       "No surface was fitted, as asked: the samples are the result, and none of the checks that need a surface was "
       "made.");
@@ -215,7 +233,9 @@ tl::expected<ScanOutcome, ScanStop> keep_samples(const ScanTask& task, ProfileLo
   std::uint64_t points = 0;
   for (const LaserShare& share : notes.lasers) points += share.samples;
   if (notes.stereo) points += static_cast<std::uint64_t>(notes.stereo->counts.samples());
-  auto files = write_samples(task.log_file, points, task.results_folder, notes);
+  auto coloured = coloured_log(equipment, task);
+  if (!coloured) return tl::make_unexpected(coloured.error());
+  auto files = write_samples(task.log_file, points, task.results_folder, notes, coloured->get());
   if (!files) return failed(files.error().message);
   ScanOutcome outcome;
   outcome.files = std::move(*files);
@@ -387,7 +407,7 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     observer.on_state(ScanState::exporting);
     notes.checks = datum_checks(datum.result(), equipment.calibration);
     notes.checks.push_back(room_light_check(room.reading(), view.reading().bright_level));
-    return keep_samples(task, **log, notes);
+    return keep_samples(equipment, task, **log, notes);
   }
 
   // Solve, down to the exact NURBS surface.
@@ -439,7 +459,11 @@ tl::expected<ScanOutcome, ScanStop> run_scan(const ScanEquipment& equipment, con
     if (!by_stereo) notes.dimensions = dimensions_of_scan(*fit, equipment.calibration, task.log_file);
     return fit;
   };
-  auto files = write_results(surfaces, measured, formats, task.results_folder, notes, {.cad = cad ? &*cad : nullptr});
+  tl::expected<std::unique_ptr<ProfileLogReader>, ScanStop> coloured = nullptr;
+  if (!asked.request.dry_turn) coloured = coloured_log(equipment, task);
+  if (!coloured) return tl::make_unexpected(coloured.error());
+  auto files = write_results(surfaces, measured, formats, task.results_folder, notes,
+                             {.cad = cad ? &*cad : nullptr, .coloured = coloured->get()});
   if (!files) return failed(files.error().message);
 
   ScanOutcome outcome;

@@ -14,6 +14,13 @@ struct SampleCovariance {
   float rr = 0, rt = 0, rz = 0, tt = 0, tz = 0, zz = 0;
 };
 
+/// Colour of the surface at a sample, as the camera has it; black stands for "not known".
+struct SampleColour {
+  std::uint8_t red = 0, green = 0, blue = 0;
+  bool known() const { return (red | green | blue) != 0; }
+  bool operator==(const SampleColour&) const = default;
+};
+
 /// How the samples of a profile lie relative to each other.
 enum class ProfileOrder : std::uint8_t {
   rows,      ///< consecutive rows of one camera frame: neighbours along the vector are neighbours on the surface
@@ -21,7 +28,7 @@ enum class ProfileOrder : std::uint8_t {
 };
 
 /// All samples of one camera frame and laser (or one piece of a point cloud). Structure of arrays: r_mm, theta_rad and
-/// z_mm have the same length; covariance, row and flags are either empty or of that length too. Samples are
+/// z_mm have the same length; covariance, row and colour are either empty or of that length too. Samples are
 /// independent: never smoothed along the line.
 struct Profile {
   std::uint32_t index = 0;  ///< number of the profile in the scan, from 0
@@ -37,6 +44,7 @@ struct Profile {
   std::vector<double> z_mm;
   std::vector<SampleCovariance> covariance;
   std::vector<std::uint16_t> row;
+  std::vector<SampleColour> colour;
 
   std::size_t size() const { return r_mm.size(); }
 };

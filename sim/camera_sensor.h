@@ -22,6 +22,7 @@ class CameraSensor {
   struct Picture {
     std::span<const std::uint8_t> luma;  ///< row by row; empty until it is read out, short if bytes were lost
     bool corrupt = false;
+    std::span<const std::uint8_t> chroma = {};  ///< U V for every two pixels of a row; empty: the picture is grey
   };
   /// Of the picture under way.
   virtual Picture picture() = 0;

@@ -130,7 +130,12 @@ json truth(const Device& d, const Words& words) {
                    std::to_string(d.model.scene().z_min_mm()) + " to " + std::to_string(d.model.scene().z_max_mm()) +
                    " mm");
   }
-  return {{"r_mm", r}};
+  json out{{"r_mm", r}};
+  if (d.model.scene().coloured()) {
+    const Eigen::Array3d share = d.model.scene().truth_reflectance(theta, z);
+    out["reflectance"] = {share.x(), share.y(), share.z()};
+  }
+  return out;
 }
 
 json scene(const Device& d, const Words& words) {

@@ -75,8 +75,8 @@ void add_machine_options(CLI::App& app, Options& o) {
       ->check(CLI::IsMember({"none"}) | CLI::TypeValidator<std::uint64_t>("SEED"))
       ->capture_default_str();
   app.add_option("--paint", o.paint,
-                 "the object is painted dark: third:ALBEDO, a third of the turn; bands:ALBEDO, every other 12 mm of "
-                 "its height; or none")
+                 "the object is painted: third:ALBEDO, dark on a third of the turn; bands:ALBEDO, in every other 12 mm "
+                 "of its height; sectors: red, green and blue, a third of the turn each; or none")
       ->check(CLI::Validator(
           [](const std::string& text) {
             const auto paint = Paint::parse(text);

@@ -45,8 +45,12 @@ CameraSensor::Picture ModelSensor::picture() {
   const auto bytes = store_.slot(shown_->slot).first(shown_->bytes_used);
   if (model_.config().camera.format == PixelFormat::grey8) return {bytes, shown_->corrupt};
   luma_.resize(bytes.size() / 2);
-  for (std::size_t i = 0; i < luma_.size(); ++i) luma_[i] = bytes[2 * i];
-  return {luma_, shown_->corrupt};
+  chroma_.resize(luma_.size());
+  for (std::size_t i = 0; i < luma_.size(); ++i) {
+    luma_[i] = bytes[2 * i];
+    chroma_[i] = bytes[2 * i + 1];
+  }
+  return {luma_, shown_->corrupt, chroma_};
 }
 
 void ModelSensor::end_picture() {

@@ -33,7 +33,7 @@ class ModelSensor final : public CameraSensor {
   const std::uint64_t client_;
   std::optional<std::uint64_t> under_way_;  ///< frame number
   std::optional<FrameTicket> shown_;
-  Bytes luma_;
+  Bytes luma_, chroma_;
 };
 
 }  // namespace celadon::sim

@@ -2,6 +2,7 @@
 // The optics of the machine: camera, laser sheet, light and noise.
 
 #include <Eigen/Geometry>
+#include <array>
 #include <cstdint>
 #include <optional>
 
@@ -49,6 +50,9 @@ struct OpticsConfig {
   SensorNoise noise;
   PixelFormat format = PixelFormat::grey8;
 };
+
+/// Red, green and blue of the room's warm light, as a colour camera has a white surface.
+inline constexpr std::array<float, 3> kRoomColour{1.F, 0.9F, 0.8F};
 
 /// The default machine: camera 300 mm from the axis, 30 degrees beside the laser and 12 degrees above the horizontal,
 /// its rows 0.11 to 0.14 mm apart at the object; sheet through the axis but for offset and tilt.

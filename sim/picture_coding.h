@@ -1,5 +1,5 @@
 #pragma once
-// Luma as the payload of a video format.
+// A picture as the payload of a video format.
 
 #include <memory>
 #include <span>
@@ -22,7 +22,9 @@ class PictureCoder {
 
   /// Appends the coded picture to `out`; uncompressed ones of as many pixels as there are. MJPEG: 4:2:2, as cameras
   /// send it; what is missing of a picture is black.
-  void append(VideoFormat format, std::span<const std::uint8_t> luma, int width_px, int height_px, Bytes& out);
+  /// @param chroma  U V for every two pixels of a row, as many bytes as luma; empty: a grey picture
+  void append(VideoFormat format, std::span<const std::uint8_t> luma, std::span<const std::uint8_t> chroma,
+              int width_px, int height_px, Bytes& out);
 
  private:
   struct Jpeg;

@@ -167,9 +167,10 @@ void Renderer::render(const Exposure& exposure, std::span<std::uint8_t> out, std
       continue;
     }
     // A red laser through a colour sensor; warm room light. Full-range BT.601, chroma shared by pixel pairs.
-    static constexpr std::array<float, 3> kRoom{1.F, 0.9F, 0.8F}, kLaser{1.F, 0.15F, 0.04F};
+    static constexpr std::array<float, 3> kLaser{1.F, 0.15F, 0.04F};
     for (std::size_t c = 0; c < 3; ++c) {
-      for (std::size_t x = 0; x < columns; ++x) mean_[x] = ambient[x] * room * kRoom[c];
+      const float* const light = &room_.levels(c)[at];
+      for (std::size_t x = 0; x < columns; ++x) mean_[x] = light[x] * room * kRoomColour[c];
       for (std::size_t x = lit_from; x < lit_to; ++x) mean_[x] += laser(x) * kLaser[c];
       expose_row(mean_.data(), 1, columns, config_.noise, pixel_key, static_cast<std::uint32_t>(3 * at + c * columns),
                  colour_[c].data());

@@ -33,7 +33,8 @@ RoomLight::RoomLight(const OpticsConfig& config)
 void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Exposure& exposure) {
   const int height = config_.camera.height_px;
   const Posture posture = exposure.posture_at(0.5 * height, 0);
-  const bool plain = scene.printed().empty() && !scene.textured();
+  coloured_ = scene.coloured();
+  const bool plain = scene.printed().empty() && !scene.textured() && !coloured_;
   const auto stepped = [](double value, double step) { return std::round(value / step) * step; };
   Posture exact, near;  // near: for what may be shown a little turned
   exact.elevation_rad = near.elevation_rad = stepped(posture.elevation_rad, plain ? kHeadCell_rad : kPaintedCell_rad);
@@ -52,14 +53,37 @@ void RoomLight::update(const Scene& scene, const VirtualCamera& camera, const Ex
   const Vector3d lamp_T = lamp_in_table(exact);
   const TablePose middle = scene.table_pose(exact, {}, config_.axes);
   const auto lit = [&](const Hit& hit) { return brightness(hit, lamp_T); };
-  if (scene.textured()) textures_.paint(scene, camera, middle, lit, levels_);
-  prints_.paint(
-      scene, camera,
-      [&](int row) { return rows_differ ? scene.table_pose(exposure.posture_at(row, 0), {}, config_.axes) : middle; },
-      lit, levels_);
+  if (coloured_) {
+    paint_colours(scene, camera, middle, lamp_T);
+  } else if (scene.textured()) {
+    const auto look = [&](const Hit& hit) {
+      return std::array<float, 3>{static_cast<float>(lit(hit) * scene.albedo(hit))};
+    };
+    textures_.paint(scene, camera, middle, look, std::span(&levels_, 1));
+  }
+  const auto pose_of = [&](int row) {
+    return rows_differ ? scene.table_pose(exposure.posture_at(row, 0), {}, config_.axes) : middle;
+  };
+  prints_.paint(scene, camera, pose_of, lit, levels_);
+  if (coloured_) {
+    for (std::vector<float>& plane : colours_) prints_.paint(scene, camera, pose_of, lit, plane);
+  }
   ready_ = true;
   shaded_at_ = near;
   painted_at_ = rows_differ ? std::nullopt : std::optional(exact);
+}
+
+void RoomLight::paint_colours(const Scene& scene, const VirtualCamera& camera, const TablePose& pose,
+                              const Vector3d& lamp_T) {
+  static constexpr std::array<float, 3> kGrey{0.299F, 0.587F, 0.114F};  // what a grey camera makes of white light
+  colours_.fill(shaded_);
+  const auto look = [&](const Hit& hit) {
+    const Eigen::Array3f level = (brightness(hit, lamp_T) * scene.reflectance(hit)).cast<float>();
+    return std::array<float, 3>{level.x(), level.y(), level.z()};
+  };
+  textures_.paint(scene, camera, pose, look, colours_);
+  for (std::size_t i = 0; i < levels_.size(); ++i)
+    levels_[i] = kGrey[0] * colours_[0][i] + kGrey[1] * colours_[1][i] + kGrey[2] * colours_[2][i];
 }
 
 // Room light: a gradient over the background, and the object and platter shaded by a broad lamp above the camera.

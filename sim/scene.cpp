@@ -167,4 +167,11 @@ double Scene::truth_r_mm(double theta, double z) const {
   return body_->reach_mm(to_object({Vector3d(0, 0, z), Vector3d(std::cos(theta), std::sin(theta), 0)}));
 }
 
+Eigen::Array3d Scene::truth_reflectance(double theta, double z) const {
+  const double r = truth_r_mm(theta, z);
+  Hit hit;
+  hit.p = {r * std::cos(theta), r * std::sin(theta), z};
+  return reflectance(hit);
+}
+
 }  // namespace celadon::sim

@@ -87,6 +87,8 @@ class Scene {
   /// Distance of the surface from the table's axis at (theta, z) of the table frame; NaN outside the object's height or
   /// where it has none. Of bodies that are not single-valued: of the outermost point.
   double truth_r_mm(double theta_rad, double z_mm) const;
+  /// What the surface throws back there of red, green and blue light. @pre coloured(); truth_r_mm is a number there
+  Eigen::Array3d truth_reflectance(double theta_rad, double z_mm) const;
 
   /// The first point of object or platter along the ray, t in (t_min, t_max). Table frame.
   std::optional<Hit> intersect(const Ray& ray, double t_min = 0,
@@ -105,6 +107,13 @@ class Scene {
   double painted(const Hit& hit) const {
     return paint_.where == Paint::Where::nowhere ? 1 : paint_.albedo_at(point_to_object(hit.p));
   }
+  /// Painted in colours: what it throws back of red, green and blue light at a place that was hit, with its texture.
+  /// @pre of the object; coloured()
+  Eigen::Array3d reflectance(const Hit& hit) const {
+    const Eigen::Vector3d p_O = point_to_object(hit.p);
+    return Paint::reflectance_at(p_O) * (texture_ ? texture_->albedo(p_O) : 1);
+  }
+  bool coloured() const { return paint_.coloured(); }
   bool textured() const { return texture_ != nullptr; }
   /// Of objects; boards and the bare platter stay as they are.
   void set_texture(std::uint64_t seed);

@@ -65,8 +65,8 @@ Patch TexturePainter::patch_of(const Scene& scene, const VirtualCamera& camera, 
           inside(std::ceil(high.x()) + margin + 1, width_), inside(std::ceil(high.y()) + margin + 1, height_)};
 }
 
-void TexturePainter::paint(const Scene& scene, const VirtualCamera& camera, const TablePose& pose,
-                           const std::function<double(const Hit&)>& brightness, std::vector<float>& levels) {
+void TexturePainter::paint(const Scene& scene, const VirtualCamera& camera, const TablePose& pose, const Look& look,
+                           std::span<std::vector<float>> planes) {
   const int columns = (width_ + kTextureCell - 1) / kTextureCell + 1,
             rows = (height_ + kTextureCell - 1) / kTextureCell + 1;
   if (rays_H_.empty()) {
@@ -90,16 +90,17 @@ void TexturePainter::paint(const Scene& scene, const VirtualCamera& camera, cons
       hits.push_back(scene.intersect({centre_T, rays_T.back()}));
     }
   }
-  seen_.resize(static_cast<std::size_t>(patch.width()) * static_cast<std::size_t>(patch.height()));
+  for (std::size_t c = 0; c < planes.size(); ++c)
+    seen_[c].resize(static_cast<std::size_t>(patch.width()) * static_cast<std::size_t>(patch.height()));
   for (int y = patch.y0; y < patch.y1; ++y) {
-    const float* const plain = &levels[static_cast<std::size_t>(y * width_)];
-    float* const out = &seen_[static_cast<std::size_t>((y - patch.y0) * patch.width())];
     for (int x = patch.x0; x < patch.x1; ++x) {
+      const auto from = static_cast<std::size_t>(y * width_ + x),
+                 to = static_cast<std::size_t>((y - patch.y0) * patch.width() + x - patch.x0);
       const std::size_t at =
           static_cast<std::size_t>(y / kTextureCell - j0) * wide + static_cast<std::size_t>(x / kTextureCell - i0);
       const Cell cell{{&rays_T[at], &rays_T[at + 1], &rays_T[at + wide], &rays_T[at + wide + 1]},
                       {&hits[at], &hits[at + 1], &hits[at + wide], &hits[at + wide + 1]}};
-      out[x - patch.x0] = plain[x];
+      for (std::size_t c = 0; c < planes.size(); ++c) seen_[c][to] = planes[c][from];
       if (cell.without_object()) continue;
       const double u = static_cast<double>(x % kTextureCell) / kTextureCell,
                    v = static_cast<double>(y % kTextureCell) / kTextureCell;
@@ -107,10 +108,12 @@ void TexturePainter::paint(const Scene& scene, const VirtualCamera& camera, cons
       std::optional<Hit> hit;
       if (cell.smooth()) hit = scene.refine(ray, cell.t(u, v), (*cell.hit[0])->facet);
       if (!hit) hit = scene.intersect(ray);
-      if (Cell::is_object(hit)) out[x - patch.x0] = static_cast<float>(brightness(*hit) * scene.albedo(*hit));
+      if (!Cell::is_object(hit)) continue;
+      const std::array<float, 3> level = look(*hit);
+      for (std::size_t c = 0; c < planes.size(); ++c) seen_[c][to] = level[c];
     }
   }
-  blur_.apply(seen_, patch, width_, levels);
+  for (std::size_t c = 0; c < planes.size(); ++c) blur_.apply(seen_[c], patch, width_, planes[c]);
 }
 
 }  // namespace celadon::sim

@@ -1,7 +1,9 @@
 #pragma once
-// A textured object in the picture under room light: each pixel's ray meets the body.
+// A textured or coloured object in the picture under room light: each pixel's ray meets the body.
 
+#include <array>
 #include <functional>
+#include <span>
 #include <vector>
 
 #include "sim/lens_blur.h"
@@ -14,10 +16,12 @@ class TexturePainter {
  public:
   explicit TexturePainter(const OpticsConfig& config);
 
-  /// @param brightness  of a place under room light, without its albedo
-  /// @param levels      height x width, painted over where the object is seen
-  void paint(const Scene& scene, const VirtualCamera& camera, const TablePose& pose,
-             const std::function<double(const Hit&)>& brightness, std::vector<float>& levels);
+  /// Levels of a place in each plane.
+  using Look = std::function<std::array<float, 3>(const Hit&)>;
+  /// @param look    how a place of the object looks under room light
+  /// @param planes  one or three, height x width each, painted over where the object is seen
+  void paint(const Scene& scene, const VirtualCamera& camera, const TablePose& pose, const Look& look,
+             std::span<std::vector<float>> planes);
   /// The camera was moved.
   void forget() { rays_H_.clear(); }
 
@@ -26,8 +30,8 @@ class TexturePainter {
 
   int width_, height_;
   LensBlur blur_;
-  std::vector<Eigen::Vector3d> rays_H_;  ///< at the corners of cells, over the whole picture
-  std::vector<float> seen_;              ///< of the patch, before the lens
+  std::vector<Eigen::Vector3d> rays_H_;     ///< at the corners of cells, over the whole picture
+  std::array<std::vector<float>, 3> seen_;  ///< of the patch in each plane, before the lens
 };
 
 }  // namespace celadon::sim

@@ -7,6 +7,7 @@ namespace celadon::sim {
 namespace {
 
 constexpr std::uint32_t kHeaderBytes = 2;  // of a payload
+constexpr double kGreyChroma = 128;
 enum HeaderBit : std::uint8_t { kEndOfFrame = 2, kError = 0x40 };
 enum Request : std::uint8_t {
   kSetCurrent = 1,
@@ -68,8 +69,11 @@ std::uint32_t UvcCamera::most_exposure_100us() const {
 
 void UvcCamera::set_gain(std::uint32_t gain) {
   controls_.gain = std::clamp(gain, kUnitGain, kMostGain);
-  for (std::uint32_t level = 0; level < gained_.size(); ++level)
+  for (std::uint32_t level = 0; level < gained_.size(); ++level) {
     gained_[level] = static_cast<std::uint8_t>(std::min(255U, (level * controls_.gain + kUnitGain / 2) / kUnitGain));
+    const double off = (static_cast<double>(level) - kGreyChroma) * controls_.gain / kUnitGain;
+    gained_chroma_[level] = static_cast<std::uint8_t>(std::clamp(std::lround(kGreyChroma + off), 0L, 255L));
+  }
 }
 
 Bytes UvcCamera::probe() const {
@@ -168,10 +172,12 @@ bool UvcCamera::fill_payload() {
   if (picture.luma.empty()) return false;
   luma_.assign(picture.luma.begin(), picture.luma.end());
   for (std::uint8_t& level : luma_) level = gained_[level];
+  chroma_.assign(picture.chroma.begin(), picture.chroma.end());
+  for (std::uint8_t& level : chroma_) level = gained_chroma_[level];
   payload_.assign(
       {kHeaderBytes, static_cast<std::uint8_t>(kEndOfFrame | frame_toggle_ |
                                                (picture.corrupt ? std::uint8_t{kError} : std::uint8_t{0}))});
-  coder_.append(format_, luma_, sensor_.width_px(), sensor_.height_px(), payload_);
+  coder_.append(format_, luma_, chroma_, sensor_.width_px(), sensor_.height_px(), payload_);
   sensor_.end_picture();
   sent_ = 0;
   return true;

@@ -51,11 +51,11 @@ class UvcCamera final : public UsbFunction {
   Controls controls_;
   const Controls power_on_;
   VideoFormat format_ = VideoFormat::grey;
-  std::array<std::uint8_t, 256> gained_{};  ///< level after the gain
+  std::array<std::uint8_t, 256> gained_{}, gained_chroma_{};  ///< after the gain
   bool committed_ = false, streaming_ = false;
   Phase phase_ = Phase::idle;
   std::uint8_t frame_toggle_ = 0;
-  Bytes luma_, payload_;
+  Bytes luma_, chroma_, payload_;
   std::size_t sent_ = 0;
 };
 

@@ -7,7 +7,6 @@ namespace celadon {
 namespace {
 
 constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
-constexpr int kSaturatedGrey = 250, kSaturatedLuma = 235;
 
 }  // namespace
 
@@ -22,9 +21,7 @@ std::array<float, 4> cubic_slopes(float t) {
 }
 
 LevelPicture levels_of(const CameraMode& mode, std::span<const std::uint8_t> bytes) {
-  const int saturated = mode.saturated_level > 0           ? mode.saturated_level
-                        : mode.format == PixelFormat::yuyv ? kSaturatedLuma
-                                                           : kSaturatedGrey;
+  const int saturated = mode.saturated_from();
   const std::size_t step = bytes_per_pixel(mode.format);
   LevelPicture out{mode.width_px, mode.height_px, {}};
   out.level.reserve(static_cast<std::size_t>(mode.width_px) * static_cast<std::size_t>(mode.height_px));

@@ -60,6 +60,12 @@ bool FakeCamera::is_automatic() const {
          (mode->second == V4L2_EXPOSURE_AUTO || mode->second == V4L2_EXPOSURE_APERTURE_PRIORITY);
 }
 
+std::uint32_t FakeCamera::plane_bytes(std::uint32_t plane) const {
+  if (plane > 0) return kFrameBytes / 2;
+  const bool packed = fourcc == V4L2_PIX_FMT_YUYV || fourcc == V4L2_PIX_FMT_UYVY;
+  return data_offset + (packed ? 2 * kFrameBytes : fourcc == V4L2_PIX_FMT_NV12 ? kFrameBytes * 3 / 2 : kFrameBytes);
+}
+
 void FakeCamera::describe(v4l2_format& format) const {
   const auto say = [this](auto& pixels) {
     pixels = {};
@@ -67,11 +73,12 @@ void FakeCamera::describe(v4l2_format& format) const {
     pixels.height = kHeight;
     pixels.pixelformat = fourcc;
     pixels.field = V4L2_FIELD_NONE;
+    pixels.colorspace = V4L2_COLORSPACE_REC709;
   };
   if (planes == 0) {
     say(format.fmt.pix);
-    format.fmt.pix.bytesperline = kWidth;
-    format.fmt.pix.sizeimage = kFrameBytes;
+    format.fmt.pix.bytesperline = plane_bytes(0) == 2 * kFrameBytes ? 2 * kWidth : kWidth;
+    format.fmt.pix.sizeimage = plane_bytes(0);
     return;
   }
   say(format.fmt.pix_mp);
@@ -85,7 +92,7 @@ void FakeCamera::describe(v4l2_format& format) const {
 void FakeCamera::describe(v4l2_buffer& buffer) const {
   buffer.flags = V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
   if (planes == 0) {
-    buffer.length = kFrameBytes;
+    buffer.length = plane_bytes(0);
     buffer.m.offset = place_in_file(buffer.index, 0);
     return;
   }
@@ -122,6 +129,7 @@ int FakeCamera::fill(v4l2_buffer& buffer) {
     const auto pixel = static_cast<std::uint8_t>(buffer.sequence);
     std::vector<std::uint8_t> bytes(plane_bytes(i), static_cast<std::uint8_t>(255 - pixel));
     if (i == 0) std::memset(bytes.data() + data_offset, pixel, kFrameBytes);
+    if (i == 0 && !content.empty()) bytes = content;
     if (maps_nothing) {
       std::memcpy(reinterpret_cast<void*>(places_[buffer.index][i].address), bytes.data(), bytes.size());
     } else {

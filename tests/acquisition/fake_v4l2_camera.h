@@ -50,9 +50,13 @@ class FakeCamera {
   std::int64_t stamp_ns = 0;  ///< of the frames to come
   bool maps_nothing = false;  ///< frames only into memory of the program's
 
+  /// At most, of a plane of a picture: GREY, NV12 in one plane, two bytes a pixel, or the planes of NM12.
+  std::uint32_t plane_bytes(std::uint32_t plane) const;
+
   std::uint32_t fourcc = V4L2_PIX_FMT_GREY;
-  std::uint32_t planes = 0;       ///< of the multi-planar interface; 0: the single-planar one
-  std::uint32_t data_offset = 0;  ///< of the first plane
+  std::uint32_t planes = 0;           ///< of the multi-planar interface; 0: the single-planar one
+  std::uint32_t data_offset = 0;      ///< of the first plane
+  std::vector<std::uint8_t> content;  ///< of each frame's first plane instead, as many as plane_bytes(0)
   // Lies of the driver.
   std::uint32_t told_planes = 0;                ///< of a buffer; 0: the truth
   std::uint32_t told_index = 0, told_used = 0;  ///< of the frames to come; 0: the truth
@@ -64,9 +68,6 @@ class FakeCamera {
   };
   v4l2_buf_type type() const;
   std::uint32_t plane_count() const { return planes == 0 ? 1 : planes; }
-  std::uint32_t plane_bytes(std::uint32_t plane) const {
-    return plane == 0 ? data_offset + kFrameBytes : kFrameBytes / 2;
-  }
   int answer_control(unsigned long request, void* argument);
   int answer_stream(unsigned long request, void* argument);
   void describe(v4l2_format& format) const;

@@ -171,12 +171,81 @@ TEST(PictureDecoder, BytesTooManyBeforeTheEndOfAJpegDoNoHarm) {
   EXPECT_EQ(grey, whole);
 }
 
+TEST(PictureDecoder, ChromaOfUyvyStaysInItsPairs) {
+  constexpr std::size_t kStride = 150;
+  const Bytes in = random_bytes(kStride * 9, 11);
+  const auto decoder = PictureDecoder::of(V4L2_PIX_FMT_UYVY, 66, 9, kStride);
+  EXPECT_EQ(decoder->colour_layout(), ColourLayout::uv_pairs);
+  Bytes grey(66 * 9), colour(66 * 9), alone(66 * 9);
+  EXPECT_EQ(decoder->decode(in, grey, colour), true);
+  EXPECT_EQ(decoder->decode(in, alone), false) << "not wanted";
+  EXPECT_EQ(grey, alone);
+  for (std::size_t y = 0; y < 9; ++y) {
+    for (std::size_t x = 0; x < 66; ++x) EXPECT_EQ(colour[y * 66 + x], in[y * kStride + 2 * x]);
+  }
+}
+
+TEST(PictureDecoder, AMosaicStaysBesideItsGrey) {
+  for (const auto& [fourcc, mosaic] : kMosaics) {
+    const Bytes in = random_bytes(70 * 10, 12);
+    const auto decoder = PictureDecoder::of(fourcc, 66, 10, 70);
+    Bytes grey(66 * 10), colour(66 * 10);
+    EXPECT_EQ(decoder->decode(in, grey, colour), true);
+    for (std::size_t y = 0; y < 10; ++y) {
+      for (std::size_t x = 0; x < 66; ++x) EXPECT_EQ(colour[y * 66 + x], in[y * 70 + x]);
+    }
+    EXPECT_TRUE(is_mosaic(decoder->colour_layout())) << mosaic;
+  }
+}
+
+// Wide fields of colour in every subsampling, against the colours that turbojpeg makes of the same bytes; the luma is
+// the one without colours, to the last bit.
+TEST(PictureDecoder, ColoursOfAJpegAreThoseThatOthersDecode) {
+  constexpr int kWide = 96, kHigh = 64;
+  Bytes rgb;
+  for (int y = 0; y < kHigh; ++y) {
+    for (int x = 0; x < kWide; ++x) {
+      const int field = 3 * (y / 32) + x / 32;
+      for (const int c : {40 + 30 * field, 200 - 25 * field, field % 2 == 0 ? 60 : 170})
+        rgb.push_back(static_cast<std::uint8_t>(c));
+    }
+  }
+  for (const int subsampling : {TJSAMP_444, TJSAMP_422, TJSAMP_420, TJSAMP_440, TJSAMP_411, TJSAMP_GRAY}) {
+    unsigned char* bytes = nullptr;
+    unsigned long size = 0;
+    const tjhandle coder = tjInitCompress(), other = tjInitDecompress();
+    ASSERT_EQ(tjCompress2(coder, rgb.data(), kWide, 0, kHigh, TJPF_RGB, &bytes, &size, subsampling, 95, 0), 0);
+    const std::span<const std::uint8_t> in(bytes, size);
+    const auto decoder = PictureDecoder::of(V4L2_PIX_FMT_MJPEG, kWide, kHigh, 0);
+    Bytes grey(kWide * kHigh), alone(kWide * kHigh), colour(kWide * kHigh), truth(3 * kWide * kHigh);
+    const auto decoded = decoder->decode(in, grey, colour);
+    ASSERT_TRUE(decoded) << decoded.error();
+    EXPECT_EQ(*decoded, subsampling != TJSAMP_GRAY);
+    ASSERT_TRUE(decoder->decode(in, alone));
+    EXPECT_EQ(grey, alone) << subsampling;
+    ASSERT_EQ(tjDecompress2(other, bytes, size, truth.data(), kWide, 0, kHigh, TJPF_RGB, 0), 0);
+    tjFree(bytes);
+    tjDestroy(coder);
+    tjDestroy(other);
+    if (!*decoded) continue;
+    for (std::size_t y = 8; y < kHigh; y += 16) {
+      for (std::size_t x = 8; x < kWide; x += 16) {  // off the edges of fields
+        const std::size_t at = y * kWide + x;
+        const LinearColour c = colour_of({}, grey[at], colour[at], colour[at + 1]);
+        EXPECT_NEAR(c.red, truth[3 * at], 2.5) << subsampling << ", " << x << ", " << y;
+        EXPECT_NEAR(c.green, truth[3 * at + 1], 2.5);
+        EXPECT_NEAR(c.blue, truth[3 * at + 2], 2.5);
+      }
+    }
+  }
+}
+
 TEST(PictureDecoder, SaysWhatIsWrongWithAJpeg) {
   Bytes luma;
   const Bytes jpeg = jpeg_of(320, 200, luma);
-  Bytes grey(320 * 200);
+  Bytes grey(320 * 200), colour(320 * 200);
   const auto told = [&](const Bytes& in) {
-    const auto decoded = PictureDecoder::of(V4L2_PIX_FMT_MJPEG, 320, 200, 0)->decode(in, grey);
+    const auto decoded = PictureDecoder::of(V4L2_PIX_FMT_MJPEG, 320, 200, 0)->decode(in, grey, colour);
     return decoded ? std::string("good") : decoded.error();
   };
   EXPECT_NE(told(Bytes(jpeg.begin(), jpeg.begin() + static_cast<std::ptrdiff_t>(jpeg.size() / 2))).find("damaged"),

@@ -190,7 +190,7 @@ TEST_F(Recording, a_broken_index_is_refused_with_its_line) {
   write_index("a.pgm,0,0,0,1,new\n", "camera,T\n");
   EXPECT_THAT(refusal(), HasSubstr("6 fields"));
   write("index.csv",
-        "celadon-recording,1.4\ncamera,T\nfps,3\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\na.pgm,0,0,0,1,turn,0,"
+        "celadon-recording,1.5\ncamera,T\nfps,3\nfile,table_angle_deg,stamp_ns,exposure_ns,laser\na.pgm,0,0,0,1,turn,0,"
         "0,0,1,0,0,new\n");
   EXPECT_TRUE(open_frame_source(url()));
 }
@@ -333,7 +333,13 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
          .stop = {*rc::gen::inRange(-1000, 1000) / 7e2, *rc::gen::inRange(-1000, 1000) / 3.0}});
     stamp += *rc::gen::inRange<std::int64_t>(1, 1'000'000'000'000);
   }
-  const auto parsed = parse_recording_index(format_recording_index(index), "x");
+  if (*rc::gen::arbitrary<bool>()) {
+    index.yuv = ColourCoding{ColourLayout::yuyv, 0, *rc::gen::element(LumaWeights::bt601, LumaWeights::bt709),
+                             *rc::gen::arbitrary<bool>()};
+  }
+  const std::string text = format_recording_index(index);
+  RC_ASSERT(text.starts_with(index.yuv ? "celadon-recording,1.4\n" : "celadon-recording,1.3\n"));
+  const auto parsed = parse_recording_index(text, "x");
   RC_ASSERT(parsed.has_value());
   RC_ASSERT(parsed->camera == index.camera);
   RC_ASSERT(parsed->simulated == index.simulated);
@@ -343,6 +349,7 @@ RC_GTEST_PROP(RecordingIndex, formatting_and_parsing_agree, ()) {
   RC_ASSERT(parsed->scan.date == index.scan.date);
   RC_ASSERT(parsed->scan.profiles == index.scan.profiles);
   RC_ASSERT(parsed->saturated_level == index.saturated_level);
+  RC_ASSERT(parsed->yuv == index.yuv);
   RC_ASSERT(parsed->frames.size() == index.frames.size());
   for (std::size_t i = 0; i < index.frames.size(); ++i) {
     const RecordedFrame &a = parsed->frames[i], &b = index.frames[i];

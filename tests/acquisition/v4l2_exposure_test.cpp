@@ -251,5 +251,56 @@ TEST(V4l2Controls, what_is_missing_out_of_range_or_refused_is_named_and_nothing_
   EXPECT_THAT(rounded.error().message, HasSubstr("took 30"));
 }
 
+std::vector<std::uint8_t> counting_bytes(std::size_t count) {
+  std::vector<std::uint8_t> out(count);
+  for (std::size_t i = 0; i < count; ++i) out[i] = static_cast<std::uint8_t>(i * 7 + i / 251);
+  return out;
+}
+
+// The chroma of NV12 is handed out where it lies behind the luma; YUYV has it among its own bytes; UYVY is taken apart.
+TEST(V4l2Colour, ComesWithTheFrameAndWhatTheDriverSaysOfIt) {
+  for (const std::uint32_t fourcc : {V4L2_PIX_FMT_NV12, V4L2_PIX_FMT_YUYV, V4L2_PIX_FMT_UYVY, V4L2_PIX_FMT_GREY}) {
+    FakeCamera camera;
+    camera.fourcc = fourcc;
+    camera.stamp_ns = monotonic_ns();
+    const auto source = camera.open();
+    ASSERT_NE(source, nullptr);
+    const auto bytes = counting_bytes(camera.plane_bytes(0));
+    camera.content = bytes;
+    ASSERT_TRUE(source->start());
+    auto frame = source->next(0);
+    ASSERT_TRUE(frame) << frame.error().message;
+    const ColourCoding& colour = source->mode().colour;
+    switch (fourcc) {
+      case V4L2_PIX_FMT_NV12:
+        EXPECT_EQ(colour.layout, ColourLayout::uv_cells);
+        EXPECT_EQ(colour.stride_bytes, FakeCamera::kWidth);
+        EXPECT_EQ(frame->bytes().size(), FakeCamera::kFrameBytes);
+        EXPECT_EQ(frame->colour().data(), frame->bytes().data() + FakeCamera::kFrameBytes) << "nothing is copied";
+        ASSERT_EQ(frame->colour().size(), FakeCamera::kFrameBytes / 2);
+        EXPECT_TRUE(
+            std::equal(frame->colour().begin(), frame->colour().end(), bytes.begin() + FakeCamera::kFrameBytes));
+        break;
+      case V4L2_PIX_FMT_YUYV:
+        EXPECT_EQ(colour.layout, ColourLayout::yuyv);
+        EXPECT_TRUE(frame->colour().empty());
+        EXPECT_TRUE(std::equal(frame->bytes().begin(), frame->bytes().end(), bytes.begin(), bytes.end()));
+        break;
+      case V4L2_PIX_FMT_UYVY:
+        EXPECT_EQ(colour.layout, ColourLayout::uv_pairs);
+        ASSERT_EQ(frame->colour().size(), FakeCamera::kFrameBytes);
+        for (std::size_t i = 0; i < FakeCamera::kFrameBytes; ++i) ASSERT_EQ(frame->colour()[i], bytes[2 * i]);
+        break;
+      default:
+        EXPECT_EQ(colour, ColourCoding());
+        EXPECT_TRUE(frame->colour().empty());
+    }
+    if (fourcc != V4L2_PIX_FMT_GREY) {
+      EXPECT_EQ(colour.weights, LumaWeights::bt709);
+      EXPECT_TRUE(colour.limited_range);
+    }
+  }
+}
+
 }  // namespace
 }  // namespace celadon

@@ -231,6 +231,7 @@ TEST(BracketedRows, EachPlaceIsKeptInTheTurnThatSeesItWellAndInOneAtLeast) {
       longer.push_back(row_at(level * ratio));
     }
     Profile in_shorter = profile_of(shorter), in_longer = profile_of(longer);
+    for (const std::uint16_t row : in_longer.row) in_longer.colour.push_back({static_cast<std::uint8_t>(row), 1, 1});
     const auto ratio_ns = static_cast<std::int64_t>(1e6 * ratio);
     leave_to_other_exposure(shorter, 1'000'000, ratio_ns, in_shorter);
     leave_to_other_exposure(longer, ratio_ns, 1'000'000, in_longer);
@@ -244,6 +245,9 @@ TEST(BracketedRows, EachPlaceIsKeptInTheTurnThatSeesItWellAndInOneAtLeast) {
     }
     ASSERT_EQ(in_shorter.size(), in_shorter.row.size());
     for (std::size_t k = 0; k < in_shorter.size(); ++k) EXPECT_EQ(in_shorter.r_mm[k], 30. + in_shorter.row[k]);
+    ASSERT_EQ(in_longer.colour.size(), in_longer.size());
+    for (std::size_t k = 0; k < in_longer.size(); ++k) EXPECT_EQ(in_longer.colour[k].red, in_longer.row[k]);
+    EXPECT_TRUE(in_shorter.colour.empty()) << "had none";
   }
 }
 

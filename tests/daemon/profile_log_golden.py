@@ -3,6 +3,7 @@
 Usage: python3 profile_log_golden.py > profile_log_golden.inc              (committed beside it)
        python3 profile_log_golden.py 1.0 > profile_log_golden_1_0.inc      the same by version 1.0
        python3 profile_log_golden.py 1.1 > profile_log_golden_1_1.inc      and by version 1.1
+       python3 profile_log_golden.py 1.3 > profile_log_golden_1_3.inc      and with colours, by version 1.3
 """
 import struct
 import sys
@@ -27,7 +28,9 @@ def record(number, kind, payload):
 
 minor = int(sys.argv[1].split(".")[1]) if len(sys.argv) > 1 else 2
 header = (
-    b'{"calibration":"text of\\na calibration","camera":"camera 1","date":"2026-01-02T03:04:05Z",'
+    b'{"calibration":"text of\\na calibration","camera":"camera 1",'
+    + (b'"colour":true,' if minor >= 3 else b"")
+    + b'"date":"2026-01-02T03:04:05Z",'
     + (b'"lasers":[1,0],' if minor >= 1 else b"")
     + b'"machine":"machine 1","request":{"degree_u":3,"degree_v":3,"exposure_ms":0.0,'
     b'"formats":["step","stl","ply","surface.json"],"mode":"sweep","model":"auto","name":"vase","profiles":1200,"shape":"cylinder",'
@@ -42,6 +45,9 @@ profile += struct.pack("<2d2d2d", 30.0, 30.5, 0.25, 0.26, 10.0, 11.0)
 profile += struct.pack("<12f", *[float(k) for k in range(1, 13)])
 profile += struct.pack("<2H", 100, 101)
 overlap = struct.pack("<IHBBddqII", 4, 0, 0, 1, 0.0, 6.5, 1600, 1, 0) + struct.pack("<3d", 30.0, 6.5, 10.0)
+if minor >= 3:
+    profile += bytes([200, 40, 90, 0, 0, 0])
+    overlap += bytes([1, 2, 3])
 end = struct.pack("<HHIQQQQQ", 1, 0, 1, 2, 1, 2, 0, 0) + b"button pressed"
 
 stop = [(8, struct.pack("<dd", 0.5, 30.0))] if minor >= 2 else []

@@ -35,6 +35,10 @@ const unsigned char kGolden_1_1[] = {
 #include "tests/daemon/profile_log_golden_1_1.inc"
 };
 
+const unsigned char kGolden_1_3[] = {
+#include "tests/daemon/profile_log_golden_1_3.inc"
+};
+
 std::string golden() {
   return {reinterpret_cast<const char*>(kGolden), sizeof kGolden};
 }
@@ -73,6 +77,7 @@ void expect_equal(const Profile& a, const Profile& b) {
   EXPECT_EQ(a.theta_rad, b.theta_rad);
   EXPECT_EQ(a.z_mm, b.z_mm);
   EXPECT_EQ(a.row, b.row);
+  EXPECT_EQ(a.colour, b.colour);
   ASSERT_EQ(a.covariance.size(), b.covariance.size());
   if (a.covariance.empty()) return;
   EXPECT_EQ(std::memcmp(a.covariance.data(), b.covariance.data(), a.covariance.size() * sizeof(SampleCovariance)), 0);
@@ -123,15 +128,19 @@ TEST(Crc32c, MatchesThePublishedVectors) {  // RFC 3720, appendix B.4
   EXPECT_EQ(crc32c(rising.data() + 5, 27, crc32c(rising.data(), 5)), 0x46DD794Eu);
 }
 
-TEST(ProfileLog, WritesTheBytesOfItsGrammar) {
-  const TemporaryFolder folder;
-  auto log = ProfileLogWriter::create(folder / "log", golden_header());
+/// The golden log, in `file`; with or without colours.
+void write_golden(const std::filesystem::path& file, bool colour) {
+  LogHeader header = golden_header();
+  header.colour = colour;
+  auto log = ProfileLogWriter::create(file, header);
   ASSERT_TRUE(log) << log.error().message;
   (*log)->append(PositionSample{7, 123456, .25, 1000, 2000});
   (*log)->append(LogFrame{41, 1500, 4'000'000, 2, FrameVerdict::profile});
   (*log)->append(LogStop{});  // where the axes are known to stand
   (*log)->append(LogStop{{0.5, 30}});
-  ASSERT_TRUE((*log)->append(golden_profile()));
+  Profile profile = golden_profile();
+  if (colour) profile.colour = {{200, 40, 90}, {}};
+  ASSERT_TRUE((*log)->append(profile));
   (*log)->append(LogStop{{0.5, 30}});
   Profile overlap;
   overlap.index = 4;
@@ -141,11 +150,56 @@ TEST(ProfileLog, WritesTheBytesOfItsGrammar) {
   overlap.r_mm = {30};
   overlap.theta_rad = {6.5};
   overlap.z_mm = {10};
+  if (colour) overlap.colour = {{1, 2, 3}};
   ASSERT_TRUE((*log)->append(overlap, true));
   ASSERT_TRUE((*log)->finish(LogOutcome::cancelled, "button pressed"));
   ASSERT_TRUE((*log)->wait_synced());
+  EXPECT_EQ((*log)->bytes(), std::filesystem::file_size(file));
+}
+
+TEST(ProfileLog, WritesTheBytesOfItsGrammar) {
+  const TemporaryFolder folder;
+  write_golden(folder / "log", false);
   EXPECT_EQ(read_file(folder / "log"), golden());
-  EXPECT_EQ((*log)->bytes(), golden().size());
+  write_golden(folder / "coloured", true);
+  EXPECT_EQ(read_file(folder / "coloured"),
+            std::string(reinterpret_cast<const char*>(kGolden_1_3), sizeof kGolden_1_3));
+}
+
+TEST(ProfileLog, ReadsTheColoursOfVersion1_3) {
+  const TemporaryFolder folder;
+  write_file(folder / "log", {reinterpret_cast<const char*>(kGolden_1_3), sizeof kGolden_1_3});
+  auto log = ProfileLogReader::open(folder / "log");
+  ASSERT_TRUE(log) << log.error().message;
+  EXPECT_TRUE((*log)->header().colour);
+  Profile wanted = golden_profile();
+  wanted.colour = {{200, 40, 90}, {}};
+  const Profile* p = (*log)->next();
+  ASSERT_NE(p, nullptr);
+  expect_equal(*p, wanted);
+  (*log)->rewind();
+  std::vector<SampleColour> overlap;
+  while (const auto entry = (*log)->next_entry()) {
+    if (const auto* logged = std::get_if<LoggedProfile>(&*entry); logged != nullptr && logged->overlap)
+      overlap = logged->profile->colour;
+  }
+  EXPECT_EQ(overlap, (std::vector<SampleColour>{{1, 2, 3}}));
+}
+
+// A profile without colours in a log that has them, as of samples that were left out: each says "not known".
+TEST(ProfileLog, AProfileWithoutColoursIsBlackInALogThatHasThem) {
+  const TemporaryFolder folder;
+  LogHeader header = golden_header();
+  header.colour = true;
+  auto writer = ProfileLogWriter::create(folder / "log", header);
+  ASSERT_TRUE(writer);
+  ASSERT_TRUE((*writer)->append(golden_profile()));
+  ASSERT_TRUE((*writer)->finish(LogOutcome::complete, ""));
+  auto log = ProfileLogReader::open(folder / "log");
+  ASSERT_TRUE(log);
+  const Profile* p = (*log)->next();
+  ASSERT_NE(p, nullptr);
+  EXPECT_EQ(p->colour, std::vector<SampleColour>(2));
 }
 
 TEST(ProfileLog, ReadsALogWrittenByHand) {
@@ -320,7 +374,7 @@ TEST(ProfileLog, SaysWhatIsNoLog) {
 
 TEST(ProfileLog, SkipsRecordsOfALaterMinorVersion) {
   const TemporaryFolder folder;
-  auto records = RecordWriter::create(folder / "log");
+  auto records = RecordWriter::create(folder / "log", 2);
   ASSERT_TRUE(records);
   const std::string bytes = golden();
   // The header record as written by hand, then a record of a type that version 1.0 does not know.
@@ -338,7 +392,7 @@ TEST(ProfileLog, SkipsRecordsOfALaterMinorVersion) {
 
 TEST(ProfileLog, AProfileThatLiesAboutItsLengthIsRefused) {
   const TemporaryFolder folder;
-  auto records = RecordWriter::create(folder / "log");
+  auto records = RecordWriter::create(folder / "log", 2);
   const std::string bytes = golden();
   std::uint32_t length = 0;
   std::memcpy(&length, bytes.data() + 16 + 8, 4);

@@ -1,4 +1,5 @@
-// Dark paint: where it is, and that laser and room light are both so much weaker there.
+// Paint: where it is, that laser and room light are both so much weaker there, and that a colour camera sees its
+// colours.
 #include "sim/paint.h"
 
 #include <gtest/gtest.h>
@@ -23,7 +24,9 @@ TEST(Paint, IsReadAndRefusedByItsText) {
   EXPECT_EQ(to_string(*Paint::parse("none")), "none");
   EXPECT_EQ(to_string(*Paint::parse("third:0.03")), "third:0.03");
   EXPECT_EQ(to_string(*Paint::parse("bands:0.5")), "bands:0.5");
-  for (const char* text : {"", "third", "third:", "bands:0", "bands:1.5", "third:0.1x", "stripes:0.1", "third:nan"}) {
+  EXPECT_EQ(to_string(*Paint::parse("sectors")), "sectors");
+  for (const char* text :
+       {"", "third", "third:", "bands:0", "bands:1.5", "third:0.1x", "stripes:0.1", "third:nan", "sectors:1"}) {
     EXPECT_FALSE(Paint::parse(text)) << text;
   }
 }
@@ -110,6 +113,81 @@ TEST(Paint, WeakensTheRoomsLightByItsAlbedo) {
   }
   EXPECT_GT(dark, 20);
   EXPECT_GT(bright, 20);
+}
+
+// What sectors throw back of red, green and blue light, as README.md has it.
+constexpr double kRed[] = {0.9, 0.3, 0.25}, kGreen[] = {0.5, 0.85, 0.35}, kBlue[] = {0.45, 0.5, 0.95};
+
+const double* sector_at(double psi_deg) {
+  const double turned = psi_deg < 0 ? psi_deg + 360 : psi_deg;
+  return turned < 120 ? kRed : turned < 240 ? kGreen : kBlue;
+}
+
+TEST(Paint, SectorsHaveThreeColours) {
+  const Paint sectors{Paint::Where::sectors, 1};
+  for (const double psi : {3., 60., 117., 123., 200., 237., 243., 300., -3.}) {
+    for (int c = 0; c < 3; ++c) {
+      EXPECT_DOUBLE_EQ(Paint::reflectance_at(at(psi, 5))[c], sector_at(psi)[c]) << psi;
+    }
+    EXPECT_DOUBLE_EQ(sectors.albedo_at(at(psi, 5)), sector_at(psi)[0]) << "the laser is red";
+  }
+  for (int c = 0; c < 3; ++c) {
+    EXPECT_NEAR(Paint::reflectance_at(at(120, 5))[c], (kRed[c] + kGreen[c]) / 2, 1e-9) << "the middle of the edge";
+    EXPECT_NEAR(Paint::reflectance_at(at(0, 5))[c], (kRed[c] + kBlue[c]) / 2, 1e-9);
+    EXPECT_NEAR(Paint::reflectance_at(at(-1e-9, 5))[c], Paint::reflectance_at(at(1e-9, 5))[c], 1e-6) << "no step";
+  }
+  Scene scene = cylinder(sectors);
+  EXPECT_FALSE(scene.turns_invisibly());
+  EXPECT_TRUE(scene.coloured());
+  scene.set_pose({4, -2, 0.3});
+  const double r = scene.truth_r_mm(1, 50), x = r * std::cos(1) - 4, y = r * std::sin(1) + 2;
+  const double psi_deg = (std::atan2(y, x) - 0.3) * 180 / std::numbers::pi;
+  for (int c = 0; c < 3; ++c) EXPECT_DOUBLE_EQ(scene.truth_reflectance(1, 50)[c], sector_at(psi_deg)[c]);
+}
+
+// Of each pixel the ray that it looks along tells the colour; red, green and blue are decoded by the definition of
+// YUYV.
+TEST(Paint, AColourCameraSeesTheColoursUnderTheRoomsLight) {
+  OpticsConfig c = quiet();
+  c.format = PixelFormat::yuyv;
+  c.object_ambient = 160;
+  const VirtualCamera camera(c.camera, c.X_CW);
+  const Scene scene = cylinder({Paint::Where::sectors, 1});
+  for (const double table_deg : {0., 75., 200.}) {
+    const double table = table_deg * std::numbers::pi / 180;
+    std::vector<std::uint8_t> yuyv(2 * kWide * kHigh), grey(kWide * kHigh);
+    Renderer(scene, c).render(still(table, 0), yuyv, 2 * kWide);
+    OpticsConfig grey_camera = c;
+    grey_camera.format = PixelFormat::grey8;
+    Renderer(scene, grey_camera).render(still(table, 0), grey, kWide);
+    int seen = 0;
+    for (int y = 100; y < 400; y += 3) {
+      for (int x = 0; x < kWide; x += 4) {
+        const auto hit = scene.intersect({camera.centre_W(), camera.ray_W(x + 0.5, y)});
+        if (!hit || hit->material != Material::object || hit->p.z() > 90 || hit->p.z() < 10) continue;
+        if (hit->normal.dot((camera.centre_W() - hit->p).normalized()) < 0.3) continue;  // the silhouette is soft
+        const double psi_deg = (std::atan2(hit->p.y(), hit->p.x()) - table) * 180 / std::numbers::pi;
+        const double psi = psi_deg - 360 * std::floor(psi_deg / 360), from_edge = std::abs(std::remainder(psi, 120.));
+        if (from_edge < 4) continue;
+        const std::uint8_t* const at = &yuyv[static_cast<std::size_t>(2 * (y * kWide + x))];
+        const double luma = 0.5 * (at[0] + at[2]), u = at[1] - 128., v = at[3] - 128.;
+        const double rgb[] = {luma + 1.402 * v, luma - 0.344136 * u - 0.714136 * v, luma + 1.772 * u};
+        constexpr double kBlack = 4;
+        const double room[] = {1, 0.9, 0.8};
+        const double* const paint = sector_at(psi);
+        // Brightness by red, then the others by it.
+        const double light = (rgb[0] - kBlack) / (paint[0] * room[0]);
+        EXPECT_GT(light, 40);
+        EXPECT_LT(light, 170);
+        for (int k = 1; k < 3; ++k)
+          EXPECT_NEAR(rgb[k] - kBlack, light * paint[k] * room[k], 4) << x << ", " << y << ", " << psi;
+        const double of_grey = grey[static_cast<std::size_t>(y * kWide + x)] - kBlack;
+        EXPECT_NEAR(of_grey, light * (0.299 * paint[0] + 0.587 * paint[1] + 0.114 * paint[2]), 4);
+        ++seen;
+      }
+    }
+    EXPECT_GT(seen, 1000);
+  }
 }
 
 TEST(Paint, WhatIsPaintedAroundStillTurnsInvisibly) {

@@ -14,6 +14,9 @@ class PatternSensor : public CameraSensor {
   /// Level of a pixel in picture `number`.
   static std::uint8_t level(int number, int x, int y) { return static_cast<std::uint8_t>(number + 3 * x + 5 * y); }
 
+  /// U (even) or V (odd) of a coloured picture: wide fields.
+  static std::uint8_t chroma(int i) { return static_cast<std::uint8_t>((i % 2 == 0 ? 90 : 150) + i / 320 * 5); }
+
   int width_px() const override { return width_; }
   int height_px() const override { return height_; }
   std::int64_t period_ns() const override { return 33'333'300; }
@@ -30,18 +33,21 @@ class PatternSensor : public CameraSensor {
     for (int y = 0; y < height_; ++y) {
       for (int x = 0; x < width_; ++x) luma_[static_cast<std::size_t>(y * width_ + x)] = level(number, x, y);
     }
-    return {luma_, corrupt};
+    if (!coloured) return {luma_, corrupt};
+    chroma_.resize(luma_.size());
+    for (std::size_t i = 0; i < chroma_.size(); ++i) chroma_[i] = chroma(static_cast<int>(i));
+    return {luma_, corrupt, chroma_};
   }
   void end_picture() override { ++number; }
   void set_exposure(std::int64_t ns) override { exposure_ns = ns; }
 
   int number = 0, starts = 0, stops = 0, waits = 0;
-  bool busy = false, dark = false, corrupt = false;
+  bool busy = false, dark = false, corrupt = false, coloured = false;
   std::int64_t exposure_ns = 0;
 
  private:
   int width_, height_;
-  std::vector<std::uint8_t> luma_;
+  std::vector<std::uint8_t> luma_, chroma_;
 };
 
 }  // namespace celadon::sim

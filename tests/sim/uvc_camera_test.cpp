@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 #include <turbojpeg.h>
 
+#include <algorithm>
 #include <cstdlib>
 #include <memory>
 #include <set>
@@ -170,6 +171,38 @@ TEST(UvcCamera, MjpegIsAPictureThatOthersDecode) {
           std::abs(grey[i] - PatternSensor::level(shown, static_cast<int>(i % kWidth), static_cast<int>(i / kWidth)));
     EXPECT_LT(off / kPixels, 6) << "mean difference in levels, of a pattern that wraps";
   }
+}
+
+TEST(UvcCamera, ColoursComeWithYuyvAndMjpegAndNotWithGrey) {
+  PatternSensor sensor(kWidth, kHeight);
+  sensor.coloured = true;
+  Host host(sensor);
+  host.negotiate(VideoFormat::yuyv);
+  const Bytes pixels = host.frame();
+  ASSERT_EQ(pixels.size(), 2 * kPixels);
+  for (std::size_t i = 0; i < kPixels; ++i) ASSERT_EQ(pixels[2 * i + 1], PatternSensor::chroma(static_cast<int>(i)));
+
+  Host jpeg_host(sensor);
+  jpeg_host.negotiate(VideoFormat::mjpeg);
+  const Bytes jpeg = jpeg_host.frame();
+  const std::unique_ptr<void, int (*)(tjhandle)> decoder(tjInitDecompress(), tjDestroy);
+  Bytes y(kPixels), u(kPixels / 2), v(kPixels / 2);
+  unsigned char* planes[] = {y.data(), u.data(), v.data()};
+  ASSERT_EQ(tjDecompressToYUVPlanes(decoder.get(), jpeg.data(), jpeg.size(), planes, kWidth, nullptr, kHeight, 0), 0);
+  for (std::size_t i = 0; i < kPixels; i += 2) {
+    EXPECT_NEAR(u[i / 2], PatternSensor::chroma(static_cast<int>(i)), 5) << i;
+    EXPECT_NEAR(v[i / 2], PatternSensor::chroma(static_cast<int>(i) + 1), 5) << i;
+  }
+
+  Host grey_host(sensor);
+  grey_host.negotiate(VideoFormat::grey);
+  EXPECT_EQ(grey_host.frame().size(), kPixels);
+  // Twice the gain is twice as far from grey.
+  ASSERT_TRUE(host.set(4, 2 << 8, number(32, 2)));
+  const Bytes gained = host.frame();
+  ASSERT_EQ(gained.size(), 2 * kPixels);
+  for (std::size_t i = 0; i < kPixels; ++i)
+    ASSERT_EQ(gained[2 * i + 1], std::clamp(128 + 2 * (PatternSensor::chroma(static_cast<int>(i)) - 128), 0, 255));
 }
 
 TEST(UvcCamera, ControlsChangeThePictureAndTellTheirRange) {
