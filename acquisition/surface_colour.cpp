@@ -10,7 +10,7 @@ namespace {
 
 constexpr float kLineReach = 4, kLineReach_px = 2;  // standard deviations, and pixels that share their chroma
 constexpr int kWindow_px = 4;
-constexpr float kDarkest_levels = 8, kSaturated_levels = 250;
+constexpr float kDarkest_levels = 12, kSaturated_levels = 250;
 
 /// Mean colour of some pixels; none of it once one of them was saturated.
 class PixelMean {

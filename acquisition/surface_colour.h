@@ -23,7 +23,7 @@ class SurfaceColour {
 
   /// Beside each row that has a line: a window of four pixels on both sides, the nearer end four standard deviations of
   /// the line and two pixels from its middle. A side that leaves the picture, shows a saturated pixel or is darker than
-  /// eight levels in its brightest colour tells nothing.
+  /// twelve levels in its brightest colour tells nothing: less is the black level and noise.
   /// @pre the frame is of the mode; rows are those of its picture
   void read(const Frame& frame, std::span<const LineRow> rows);
 

@@ -198,7 +198,7 @@ TEST(SurfaceColour, OfACameraOnItsSideIsTheSame) {
 
 // What a side does not tell is taken from the other, at its own place; where neither tells, the sample has no colour.
 TEST(SurfaceColour, OneSideDoesWhereTheOtherTellsNothing) {
-  const Rgb good{90, 60, 120}, dark{5, 7, 3}, saturated{255, 60, 60}, bright{254, 254, 254};
+  const Rgb good{90, 60, 120}, dark{5, 10, 3}, saturated{255, 60, 60}, bright{254, 254, 254};
   for (const ColourLayout layout : kLayouts) {
     for (const Rgb& bad : {dark, saturated, bright}) {
       const std::string what = std::to_string(static_cast<int>(layout)) + ", " + std::to_string(bad[0]);

@@ -137,7 +137,9 @@ TEST(Colour, ARecordingOfYuyvFramesHasTheSameColours) {
   const auto outcome = run({"celadon", "scan", "--server", "unix:" + (station.folder / "again.sock").string(),
                             "--shape", "none", "-o", station.folder / "replayed"});
   ASSERT_LE(outcome.exit_code, 1) << outcome.err;
-  EXPECT_EQ(read_file(out / "object-samples.ply"), read_file(station.folder / "replayed" / "object-samples.ply"));
+  const std::string cloud = read_file(out / "object-samples.ply");
+  EXPECT_GT(cloud.size(), 10'000u);
+  EXPECT_EQ(cloud, read_file(station.folder / "replayed" / "object-samples.ply"));
 }
 
 TEST(Colour, AGreyCameraHasNoneAndADarkRoomIsSaid) {
