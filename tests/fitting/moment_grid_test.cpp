@@ -152,7 +152,7 @@ TEST(MomentGrid, EveryWayOfAddingGivesTheSameSums) {
 }
 
 TEST(MomentGrid, BadSamplesAreCountedByReasonAndNeverAdded) {
-  constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kInf = std::numeric_limits<double>::infinity();
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN(), inf = std::numeric_limits<double>::infinity();
   const Samples good = random_samples(200, 3);
   const GridSpecification spec{0, 120, 4, 4, 3, 3};
   MomentGrid clean(spec);
@@ -166,7 +166,7 @@ TEST(MomentGrid, BadSamplesAreCountedByReasonAndNeverAdded) {
   for (std::size_t k = 0; k < good.r.size(); ++k) {
     push(good.r[k], good.theta[k], good.z[k]);
     if (k % 8 == 0)
-      push(kNan, 1, 1), push(kInf, 1, 1), push(30, kNan, 1), push(30, kInf, 1), push(30, 1, kNan), push(30, 1, -kInf);
+      push(nan, 1, 1), push(inf, 1, 1), push(30, nan, 1), push(30, inf, 1), push(30, 1, nan), push(30, 1, -inf);
     if (k % 8 == 1) push(0, 1, 1), push(-3, 1, 1);
     if (k % 8 == 2) push(30, 1, -0.001), push(30, 1, 120.001), push(30, 1, 1e300);
   }
@@ -181,7 +181,7 @@ TEST(MomentGrid, BadSamplesAreCountedByReasonAndNeverAdded) {
   // Both ends of the band belong to it; a weight that is no positive number does not count.
   MomentGrid ends(spec);
   ends.add(std::vector<double>{30, 30, 30, 30, 30}, std::vector<double>{0, 0, 0, 0, 0},
-           std::vector<double>{0, 120, 5, 5, 5}, std::vector<double>{1, 1, 0, kNan, -1});
+           std::vector<double>{0, 120, 5, 5, 5}, std::vector<double>{1, 1, 0, nan, -1});
   EXPECT_EQ(ends.samples(), 2u);
   EXPECT_EQ(ends.rejected_not_finite(), 3u);
 
@@ -190,7 +190,7 @@ TEST(MomentGrid, BadSamplesAreCountedByReasonAndNeverAdded) {
   const std::vector<double> z{1, 31, 61, 91, 92, 93, 94, 95};
   Eigen::Matrix<double, -1, -1, Eigen::RowMajor> r(3, 8);
   r.setConstant(30);
-  r(1, 2) = kNan, r(1, 6) = -1, r(2, 7) = kInf;
+  r(1, 2) = nan, r(1, 6) = -1, r(2, 7) = inf;
   for (int i = 0; i < 3; ++i) lines.add_constant_theta(2 * kPi * i / 3, {r.row(i).data(), 8}, z);
   regular.add_regular(r, 0, z);
   EXPECT_EQ(lines.samples(), 21u);
@@ -199,7 +199,7 @@ TEST(MomentGrid, BadSamplesAreCountedByReasonAndNeverAdded) {
   EXPECT_EQ(regular.rejected(), 3u);
   EXPECT_LT(largest_difference(lines, regular), 1e-14);
   MomentGrid nowhere(spec);
-  nowhere.add_constant_theta(kNan, std::vector<double>{30, 30}, std::vector<double>{1, 2});
+  nowhere.add_constant_theta(nan, std::vector<double>{30, 30}, std::vector<double>{1, 2});
   EXPECT_EQ(nowhere.rejected(), 2u);
 }
 
