@@ -18,6 +18,8 @@
 namespace celadon {
 namespace {
 
+using Kind = CameraError::Kind;
+
 // More of anything than any driver has: an enumeration that does not end is a driver's fault.
 constexpr std::uint32_t kMostFormats = 256, kMostSizes = 1024, kMostRates = 256;
 
@@ -145,7 +147,6 @@ tl::expected<std::string, CameraError> find_v4l2_device(const std::string& seria
       found.push_back(node_of(number));
   }
   if (found.size() == 1) return found.front();
-  using Kind = CameraError::Kind;
   const std::string device = "v4l2:serial=" + serial, operation = "looking for it";
   if (found.empty()) {
     return tl::unexpected(camera_fault(Kind::not_found, device, operation,

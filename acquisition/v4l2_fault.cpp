@@ -6,10 +6,14 @@
 #include "acquisition/device_holder.h"
 
 namespace celadon {
+namespace {
+
+using Kind = CameraError::Kind;
+
+}  // namespace
 
 CameraError v4l2_fault(const std::string& device, const std::string& operation, int errno_value,
                        const std::string& remedy) {
-  using Kind = CameraError::Kind;
   const Kind kind = errno_value == ENODEV                            ? Kind::unplugged
                     : errno_value == EBUSY                           ? Kind::busy
                     : errno_value == EACCES                          ? Kind::permission
