@@ -81,11 +81,12 @@ void UsbPort::plug(UsbMachine& machine) {
       "\\n\nA: devnum=" + std::to_string(device_number) +
       "\\n\nA: speed=480\\n\nA: bConfigurationValue=1\\n\nA: bNumConfigurations=1\\n\nH: descriptors=" + hex + "\n";
   GError* error = nullptr;
-  if (!umockdev_testbed_add_from_string(testbed_, description.c_str(), &error))
-    throw std::runtime_error(error->message);
   handler_ = umockdev_ioctl_base_new();
   g_signal_connect(handler_, "handle-ioctl", G_CALLBACK(on_ioctl), this);
+  // It answers before it is there: who looks for it may open it at once.
   if (!umockdev_testbed_attach_ioctl(testbed_, node_.c_str(), handler_, &error))
+    throw std::runtime_error(error->message);
+  if (!umockdev_testbed_add_from_string(testbed_, description.c_str(), &error))
     throw std::runtime_error(error->message);
   umockdev_testbed_uevent(testbed_, ("/sys" + path_).c_str(), "add");
 }
