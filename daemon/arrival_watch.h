@@ -17,7 +17,8 @@ class ArrivalWatch {
     std::int64_t began_ns = 0;
   };
 
-  /// @param period_ns  of the camera, as its driver states it; off by 2 % at most where may_be_late() is to be quick
+  /// @param period_ns  of the camera, as its driver states it. A true one more than 2 % longer makes frames be doubted
+  /// for nothing, which costs the time to the next; one more than 5 % shorter makes all of those late.
   explicit ArrivalWatch(std::int64_t period_ns) : period_ns_(period_ns) {}
 
   /// Frames in the order in which they came.
@@ -39,7 +40,7 @@ class ArrivalWatch {
   /// Whether a frame that may have come late did: the one after it follows too soon. @pre next.sequence is larger
   bool is_late(const Exposure& frame, const Exposure& next) const {
     const auto periods = static_cast<double>(next.sequence - frame.sequence);
-    return static_cast<double>(next.began_ns - frame.began_ns) < (periods * kShortest - kShown) * period();
+    return static_cast<double>(next.began_ns - frame.began_ns) < periods * kShortest * period();
   }
 
   /// A frame was found to be on time: what comes is judged by it. @pre it was seen, and `newest` was seen last
@@ -52,9 +53,9 @@ class ArrivalWatch {
  private:
   double period() const { return static_cast<double>(period_ns_); }
 
-  // Of the stated period; and in periods, how late a frame may be that no question is asked about, and is not called
-  // so.
-  static constexpr double kShortest = 0.95, kLongest = 1.02, kWorthAsking = 0.1, kShown = 0.02;
+  // Shares of the stated period: what the true one is at least and at most; how late a frame may be that is not
+  // doubted.
+  static constexpr double kShortest = 0.95, kLongest = 1.02, kWorthAsking = 0.1;
   std::int64_t period_ns_;
   std::int64_t expected_ns_ = 0;  ///< when the newest exposure began if all came as early as the most punctual one
   Exposure seen_;                 ///< the newest frame

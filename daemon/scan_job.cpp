@@ -1,7 +1,5 @@
 #include "daemon/scan_job.h"
 
-#include <sys/statvfs.h>
-
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -27,6 +25,7 @@
 #include "daemon/scan_capture.h"
 #include "daemon/scan_dimensions.h"
 #include "daemon/scan_lasers.h"
+#include "daemon/scan_log.h"
 #include "daemon/scan_preparation.h"
 #include "daemon/scan_solution.h"
 #include "daemon/scan_stops.h"
@@ -36,7 +35,6 @@
 namespace celadon {
 namespace {
 
-constexpr double kBytesPerSample = 50, kBytesPerColour = 3;
 tl::unexpected<ScanStop> failed(const std::string& reason, ScanFailure failure = ScanFailure::system) {
   return tl::make_unexpected(ScanStop{ScanState::failed, reason, false, false, failure});
 }
@@ -88,15 +86,6 @@ GridSpecification grid_for(const ScanRequest& request, const ScanPreparation& se
   return grid;
 }
 
-/// A recording does not name its machine; the calibration does.
-std::string machine_of(const ScanEquipment& equipment) {
-  return equipment.device != nullptr ? equipment.device->identity().machine : equipment.calibration.machine;
-}
-
-bool is_simulated(const ScanEquipment& equipment) {
-  return (equipment.device != nullptr && equipment.device->identity().simulated) || equipment.camera.mode().simulated;
-}
-
 /// What the scan that a recording holds was asked for; what it does not say is as asked now.
 ScanTask as_recorded(ScanTask task, const RecordedScan& scan) {
   if (!scan.date.empty()) task.date = scan.date;
@@ -138,57 +127,6 @@ std::vector<TurnExposures> exposures_of(std::span<const LaserTurn> turns) {
   return out;
 }
 
-/// Where the frames of this scan are kept; nothing unless that was asked for.
-tl::expected<std::unique_ptr<RecordingWriter>, ScanStop> open_recording(const ScanEquipment& equipment,
-                                                                        const ScanTask& task) {
-  if (task.recording_folder.empty() || task.request.method == ScanMethod::stereo || task.request.exposure_auto)
-    return nullptr;
-  std::error_code error;
-  std::filesystem::create_directories(task.recording_folder, error);
-  if (error) {
-    return failed("The folder " + task.recording_folder.string() +
-                  " for the frames cannot be made: " + error.message() + "; give another with --record.");
-  }
-  return std::make_unique<RecordingWriter>(
-      task.recording_folder, equipment.camera.mode(),
-      RecordedScan{task.date, task.request.mode == ScanMode::step ? "step" : "sweep", task.request.profiles});
-}
-
-/// Whether the samples of a scan have colours.
-bool delivers_colours(const ScanEquipment& equipment, const ScanRequest& request) {
-  return request.method != ScanMethod::stereo && equipment.camera.mode().colour.layout != ColourLayout::none;
-}
-
-tl::expected<std::unique_ptr<ProfileLogWriter>, ScanStop> open_log(const ScanEquipment& equipment, const ScanTask& task,
-                                                                   const ScanPreparation& seen,
-                                                                   const std::vector<int>& lasers, std::size_t stops) {
-  const bool colour = delivers_colours(equipment, task.request);
-  const double wanted = (kBytesPerSample + (colour ? kBytesPerColour : 0)) * static_cast<double>(seen.samples * stops) *
-                        task.request.profiles * 1.1;
-  struct statvfs disk {};
-  if (::statvfs(task.log_file.parent_path().c_str(), &disk) == 0) {
-    const double free = static_cast<double>(disk.f_bavail) * static_cast<double>(disk.f_frsize);
-    if (free < wanted) {
-      char text[256];
-      std::snprintf(text, sizeof text, "The scan needs about %.0f MB for its log, but %.0f MB are free in ",
-                    wanted / 1e6, free / 1e6);
-      return failed(text + task.log_file.parent_path().string() + "; free space or ask for fewer profiles.");
-    }
-  }
-  LogHeader header;
-  header.date = task.date;
-  header.machine = machine_of(equipment);
-  header.camera = equipment.camera.mode().identity;
-  header.simulated = is_simulated(equipment);
-  header.request = task.request;
-  header.calibration = format_calibration(equipment.calibration);
-  header.lasers = lasers;
-  header.colour = colour;
-  auto log = ProfileLogWriter::create(task.log_file, header);
-  if (!log) return failed(log.error().message);
-  return std::move(*log);
-}
-
 std::vector<ResultFormat> formats_of(const ScanRequest& request) {
   std::vector<ResultFormat> formats;
   if (!request.fits_surface()) return formats;
@@ -212,15 +150,6 @@ OverlapResult nothing_compared() {
   OverlapResult overlap;
   overlap.missing = "a scan by stereo does not compare the end of its turn with the beginning";
   return overlap;
-}
-
-/// The finished log of samples with colours; nullptr where they have none.
-tl::expected<std::unique_ptr<ProfileLogReader>, ScanStop> coloured_log(const ScanEquipment& equipment,
-                                                                       const ScanTask& task) {
-  if (!delivers_colours(equipment, task.request)) return nullptr;
-  auto log = ProfileLogReader::open(task.log_file);
-  if (!log) return failed(log.error().message);
-  return std::move(*log);
 }
 
 /// The samples as the result, where no surface was asked for.

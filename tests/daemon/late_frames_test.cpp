@@ -59,7 +59,7 @@ RC_GTEST_PROP(ArrivalWatch, LateFramesAreAskedAboutAndTheNextOneTells, (std::uin
     const auto sooner = static_cast<double>(frame.late_ns() - frames[i + 1].late_ns());
     const auto periods = static_cast<double>(frames[i + 1].seen.sequence - frame.seen.sequence);
     const bool late = watch.is_late(frame.seen, frames[i + 1].seen);
-    if (sooner > (0.03 + 0.05 * periods) * period) RC_ASSERT(late);
+    if (sooner > (0.01 + 0.05 * periods) * period) RC_ASSERT(late);
     if (frame.late_ns() <= 1000) RC_ASSERT(!late);
   }
 }
